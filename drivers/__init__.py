@@ -1,0 +1,1 @@
+"""Device drivers: speak the wire. Know no recipe, no cycle, no vision."""

@@ -1,0 +1,1 @@
+"""The simulated cell: one physical truth behind servers that speak the real protocols. Imports nothing of cellctl or drivers."""
