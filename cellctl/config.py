@@ -1,0 +1,277 @@
+"""What is true of one cell, whatever it assembles: the model of cell.toml. Belongs to the integrator.
+
+Robot frame: X and Y in mm, Z in mm positive down, angles in degrees counter-clockwise seen from above.
+"""
+
+import ipaddress
+import math
+import os
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import AfterValidator, BeforeValidator, Field, ValidationInfo
+
+from cellctl.strict_toml import Contradiction, Settings, load
+from drivers.link import TcpAddress, parse_address
+
+LONGEST_SOCKET_PATH = 107
+
+
+def _ipv4(text: str) -> str:
+    try:
+        address = ipaddress.IPv4Address(text)
+    except ValueError:
+        raise ValueError("must be an IPv4 address such as 192.168.10.10; names are not looked up") from None
+    if address.is_unspecified or address.is_multicast or address.is_reserved:
+        raise ValueError("must be the IPv4 address of one device")
+    return text
+
+
+def _link(text: str) -> str:
+    address = parse_address(text)
+    if isinstance(address, TcpAddress):
+        _ipv4(address.host)
+    return text
+
+
+def _below_the_file(text: object, info: ValidationInfo) -> object:
+    """Relative paths count from the folder of the file that names them."""
+    if not isinstance(text, str):
+        return text
+    if not text or "\0" in text:
+        raise ValueError("must be a path")
+    folder = (info.context or {}).get("folder")
+    return Path(os.path.normpath(Path(folder, text))) if folder else Path(text)
+
+
+def _serial(text: str) -> str:
+    if not re.fullmatch(r"[A-Za-z0-9._-]{1,16}", text):
+        raise ValueError("must be the serial number on the label: up to 16 of A-Z a-z 0-9 . _ -")
+    return text
+
+
+def _fits_a_socket(path: Path) -> Path:
+    if len(str(path).encode()) > LONGEST_SOCKET_PATH:
+        raise ValueError(f"the path of a socket may have {LONGEST_SOCKET_PATH} bytes at most, this one is {path}")
+    return path
+
+
+Ipv4 = Annotated[str, AfterValidator(_ipv4)]
+FilePath = Annotated[Path, BeforeValidator(_below_the_file)]
+Serial = Annotated[str, AfterValidator(_serial)]
+PlaneMm = Annotated[float, Field(ge=-1500, le=1500)]
+HeightMm = Annotated[float, Field(ge=0, le=400)]
+TurnDeg = Annotated[float, Field(ge=-180, le=180)]
+
+
+class Paths(Settings):
+    """Where files are. Relative paths count from the folder of cell.toml."""
+
+    recipes: FilePath = Field(description="Folder of the recipes")
+    state: FilePath = Field(description="Folder of the journal, the unit records and the calibration")
+    control_socket: Annotated[FilePath, AfterValidator(_fits_a_socket)] = Field(description="Socket of the commands")
+    log: FilePath = Field(description="Folder of the log files")
+
+
+class PlcConfig(Settings):
+    """The PLC, a Modbus TCP server."""
+
+    host: Ipv4 = Field(description="IPv4 address of the PLC")
+    port: int = Field(ge=1, le=65535, description="TCP port of the PLC, usually 502")
+    unit_id: int = Field(ge=0, le=255, description="Modbus unit number")
+    scan_period_ms: float = Field(ge=1, le=100, description="One exchange per so many milliseconds, 10 to 20 on a line")
+    exchange: Literal["fc23", "fc3+fc16"] = Field(description="fc3+fc16 for a PLC that lacks function code 23")
+
+
+class RobotConfig(Settings):
+    """The robot and what it can reach."""
+
+    address: Annotated[str, AfterValidator(_link)] = Field(description="tcp://IPV4:PORT or serial:/dev/NAME")
+    hand: Literal["righty", "lefty"] = Field(description="Hand system that the cell works in")
+    arm_1_mm: float = Field(ge=50, le=1000, description="Length of the first arm in mm")
+    arm_2_mm: float = Field(ge=50, le=1000, description="Length of the second arm in mm")
+    reach_inner_mm: float = Field(ge=0, le=2000, description="Smallest distance of the tool from the first axis in mm")
+    reach_outer_mm: float = Field(ge=10, le=2000, description="Largest distance of the tool from the first axis in mm")
+    z_min_mm: float = Field(ge=-10, le=400, description="Upper soft limit of Z (positive down) in mm")
+    z_max_mm: float = Field(ge=0, le=400, description="Lower soft limit of Z (positive down) in mm")
+    r_min_deg: float = Field(ge=-720, le=0, description="Soft limit of R in degrees")
+    r_max_deg: float = Field(ge=0, le=720, description="Soft limit of R in degrees")
+    repeatability_mm: float = Field(gt=0, le=1, description="Repeatability in X and Y, 3 sigma, in mm")
+    repeatability_deg: float = Field(gt=0, le=1, description="Repeatability in R, 3 sigma, in degrees")
+
+    def contradictions(self) -> Iterator[Contradiction]:
+        """Limits are in order, and the reach is one that these arms can have."""
+        for low, high in (("z_min_mm", "z_max_mm"), ("reach_inner_mm", "reach_outer_mm")):
+            if getattr(self, low) >= getattr(self, high):
+                yield low, f"must be below {high} = {getattr(self, high):g}"
+        if self.reach_outer_mm > self.arm_1_mm + self.arm_2_mm:
+            yield "reach_outer_mm", f"both arms together are only {self.arm_1_mm + self.arm_2_mm:g} mm long"
+        if self.reach_inner_mm < abs(self.arm_1_mm - self.arm_2_mm):
+            yield "reach_inner_mm", f"folded arms still reach {abs(self.arm_1_mm - self.arm_2_mm):g} mm"
+
+    def reaches(self, x_mm: float, y_mm: float) -> bool:
+        """Whether the tool can stand at X, Y."""
+        return self.reach_inner_mm <= math.hypot(x_mm, y_mm) <= self.reach_outer_mm
+
+
+class CameraConfig(Settings):
+    """One camera with its lens."""
+
+    driver: Literal["gige"] = Field(description="How the camera is spoken to")
+    address: Ipv4 = Field(description="IPv4 address of the camera")
+    serial: Serial = Field(description="Serial number, as on the camera's label")
+    mm_per_px: float = Field(ge=0.0005, le=0.2, description="Nominal size of a pixel on the part in mm")
+    view_width_px: int = Field(ge=64, le=20000, description="Width of the picture in px")
+    view_height_px: int = Field(ge=64, le=20000, description="Height of the picture in px")
+
+
+class ToolCameraConfig(CameraConfig):
+    """Camera 1, which travels with the robot."""
+
+    mount: Literal["tool"] = Field(description="Where camera 1 sits: on the tool (turns with R)")
+
+
+class PointXy(Settings):
+    """A point in the plane of the robot frame, or of the tool frame where the key says so."""
+
+    x_mm: PlaneMm = Field(description="X in mm")
+    y_mm: PlaneMm = Field(description="Y in mm")
+
+
+class PlaceXyt(PointXy):
+    """A point and a direction in the robot frame."""
+
+    t_deg: TurnDeg = Field(description="Direction in degrees, counter-clockwise from above")
+
+
+class Positions(Settings):
+    """Nominal places, as the cell was built; calibration and teaching refine them."""
+
+    safe_z_mm: HeightMm = Field(description="Robot Z of all travel (positive down)")
+    station: PlaceXyt = Field(description="Base frame of a base that lies as drawn")
+    tool_from_camera_1: PointXy = Field(description="Axis of camera 1 in the tool frame")
+    camera_1_z_mm: HeightMm = Field(description="Robot Z at which camera 1 is in focus")
+    camera_2: PointXy = Field(description="Axis of camera 2 in the robot frame")
+    camera_2_z_mm: HeightMm = Field(description="Robot Z at which a held battery is in focus of camera 2")
+    table: PlaceXyt = Field(description="Battery frame of a battery that lies on the table as drawn")
+    board: PlaceXyt = Field(description="Frame of the fixed dot board for camera 1 (origin = large dot)")
+    nest: PlaceXyt = Field(description="Frame of the dot plate for camera 2 while it lies in its nest")
+    nest_z_mm: HeightMm = Field(description="Robot Z where the cup touches the dot plate in its nest")
+    reject: PointXy = Field(description="Where rejected batteries are dropped")
+    reject_z_mm: HeightMm = Field(description="Robot Z where a rejected battery is let go")
+
+    def contradictions(self) -> Iterator[Contradiction]:
+        """Travel is above every place where the arm works."""
+        for key in ("camera_1_z_mm", "camera_2_z_mm", "nest_z_mm", "reject_z_mm"):
+            if getattr(self, key) < self.safe_z_mm:
+                yield key, f"lies above safe_z_mm = {self.safe_z_mm:g} (Z is positive down)"
+
+
+class Board(Settings):
+    """The dot boards of both cameras: dark dots on bright ground, one corner dot larger."""
+
+    columns: int = Field(ge=3, le=100, description="Dots along x")
+    rows: int = Field(ge=3, le=100, description="Dots along y")
+    pitch_mm: float = Field(ge=0.2, le=20, description="Distance of neighbouring dots in mm")
+    dot_mm: float = Field(ge=0.05, le=19, description="Diameter of a dot in mm")
+    origin_dot_mm: float = Field(ge=0.05, le=19, description="Diameter of the larger dot (0, 0) in mm")
+
+    def contradictions(self) -> Iterator[Contradiction]:
+        """The origin dot is larger than the others, and neighbours do not touch."""
+        if self.origin_dot_mm < 1.2 * self.dot_mm:
+            yield "origin_dot_mm", f"must be at least 1.2 x dot_mm = {1.2 * self.dot_mm:g} to be told apart"
+        if (self.origin_dot_mm + self.dot_mm) / 2 >= self.pitch_mm:
+            yield "pitch_mm", "the large dot and its neighbour touch"
+
+
+class CalibrationConfig(Settings):
+    """How the cameras are calibrated and how good that must be."""
+
+    poses: int = Field(ge=6, le=200, description="Robot poses per camera")
+    rotation_deg: float = Field(ge=5, le=170, description="Poses turn R by up to so much to either side, degrees")
+    max_age_days: float = Field(gt=0, le=3650, description="An older calibration is refused")
+    max_hold_out_um: float = Field(gt=0, le=1000, description="Largest error at poses left out of the fit, in um")
+
+
+class WatchdogConfig(Settings):
+    """When systemd is told that the daemon is alive."""
+
+    progress_within_s: float = Field(
+        ge=0.1, le=1.5, description="Every critical task must move on within this time; below the unit's WatchdogSec"
+    )
+
+
+class LogConfig(Settings):
+    """What is written to the log."""
+
+    level: Literal["debug", "info", "warning", "error"] = Field(description="Least weight that is logged")
+    rotate_mb: float = Field(ge=0.1, le=1000, description="A log file is put aside at this size in MB")
+    keep: int = Field(ge=1, le=1000, description="How many old log files are kept")
+
+
+class CellConfig(Settings):
+    """One cell."""
+
+    schema_version: Literal[1] = Field(description="Version of this file's layout: 1")
+    name: str = Field(min_length=1, max_length=60, description="Name of the cell for operators and records")
+    paths: Paths
+    plc: PlcConfig
+    robot: RobotConfig
+    camera_1: ToolCameraConfig
+    camera_2: CameraConfig
+    positions: Positions
+    board: Board
+    calibration: CalibrationConfig
+    watchdog: WatchdogConfig
+    log: LogConfig
+
+    @property
+    def addresses(self) -> list[str]:
+        """The IPv4 addresses that the cell talks to; a robot on a serial port has none."""
+        robot = parse_address(self.robot.address)
+        hosts = [self.plc.host, self.camera_1.address, self.camera_2.address]
+        return hosts + ([robot.host] if isinstance(robot, TcpAddress) else [])
+
+    def contradictions(self) -> Iterator[Contradiction]:
+        """The robot reaches every place, the cameras differ, and the dot board fits into both views."""
+        yield from self._out_of_reach()
+        for key in ("address", "serial"):
+            if getattr(self.camera_1, key) == getattr(self.camera_2, key):
+                yield f"camera_2.{key}", f"is also the {key} of camera_1"
+        for camera in ("camera_1", "camera_2"):
+            yield from self._board_leaves_view(camera)
+
+    def _out_of_reach(self) -> Iterator[Contradiction]:
+        robot, at = self.robot, self.positions
+        camera = at.tool_from_camera_1
+        tool_at = {
+            "station": (at.station.x_mm - camera.x_mm, at.station.y_mm - camera.y_mm),
+            "board": (at.board.x_mm - camera.x_mm, at.board.y_mm - camera.y_mm),
+            **{key: (getattr(at, key).x_mm, getattr(at, key).y_mm) for key in ("camera_2", "table", "nest", "reject")},
+        }
+        for key, (x_mm, y_mm) in tool_at.items():
+            if not robot.reaches(x_mm, y_mm):
+                span = f"{robot.reach_inner_mm:g} to {robot.reach_outer_mm:g} mm"
+                far = math.hypot(x_mm, y_mm)
+                yield (
+                    f"positions.{key}",
+                    f"the tool would be {far:.1f} mm from the first axis, the robot reaches {span}",
+                )
+        for key in ("safe_z_mm", "camera_1_z_mm", "camera_2_z_mm", "nest_z_mm", "reject_z_mm"):
+            if not robot.z_min_mm <= getattr(at, key) <= robot.z_max_mm:
+                yield f"positions.{key}", f"the robot's Z goes from {robot.z_min_mm:g} to {robot.z_max_mm:g} mm"
+
+    def _board_leaves_view(self, name: str) -> Iterator[Contradiction]:
+        camera: CameraConfig = getattr(self, name)
+        for count, pixels in (("columns", camera.view_width_px), ("rows", camera.view_height_px)):
+            board_mm = (getattr(self.board, count) - 1) * self.board.pitch_mm + self.board.origin_dot_mm
+            view_mm = pixels * camera.mm_per_px
+            if board_mm > view_mm:
+                yield f"board.{count}", f"the board is {board_mm:g} mm long, {name} sees {view_mm:.2f} mm"
+
+
+def load_config(path: Path) -> CellConfig:
+    """Read cell.toml; its relative paths are made absolute. Raises SettingsError."""
+    return load(path, CellConfig)

@@ -1,0 +1,58 @@
+"""A simulated cell on real ports: one world, and the protocol servers of PLC, robot and both cameras on it."""
+
+from contextlib import AsyncExitStack
+from dataclasses import dataclass
+from types import TracebackType
+from typing import Self
+
+from simulators.eyes import Eye
+from simulators.gige import GigeCameraServer
+from simulators.plc import PlcServer
+from simulators.robot import RobotController
+from simulators.world import World
+
+
+@dataclass(frozen=True)
+class Addresses:
+    """Where the devices listen. Port 0 = any free port; a camera's GVCP port is always 3956."""
+
+    plc_host: str = "127.0.0.1"
+    plc_port: int = 5020
+    robot_host: str = "127.0.0.1"
+    robot_port: int = 10023
+    camera_1: str = "127.0.0.2"
+    camera_2: str = "127.0.0.3"
+
+
+class SimulatedCell:
+    """All devices of one cell; an async context manager."""
+
+    def __init__(self, world: World, addresses: Addresses) -> None:
+        self.world = world
+        self.plc = PlcServer(world, host=addresses.plc_host, port=addresses.plc_port)
+        self.robot = RobotController(world, host=addresses.robot_host, port=addresses.robot_port)
+        self.cameras = {
+            1: GigeCameraServer(addresses.camera_1, "SIM-CAM-1", Eye(world, 1), world.clock, name="camera 1"),
+            2: GigeCameraServer(addresses.camera_2, "SIM-CAM-2", Eye(world, 2), world.clock, name="camera 2"),
+        }
+        for number, camera in self.cameras.items():
+            world.register(f"camera_{number}", camera.inject)
+        self._stack = AsyncExitStack()
+
+    async def __aenter__(self) -> Self:
+        """Open all ports, or none: an address that is taken raises OSError."""
+        async with AsyncExitStack() as stack:
+            for server in (self.plc, self.robot, *self.cameras.values()):
+                await server.start()
+                stack.push_async_callback(server.close)
+            self._stack = stack.pop_all()
+        return self
+
+    async def __aexit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Close all ports."""
+        await self._stack.aclose()

@@ -1,0 +1,425 @@
+"""One physical truth of the cell: things, places, suction, conveyor, imperfections, faults, verdict.
+
+Every fact is held once, here. Protocol simulators read sensors and drive actuators; they hold protocol state only.
+Nothing here runs by itself: what has happened since the last question is worked out when somebody asks
+(`_settle`), from world time, so the world is exact at any clock speed.
+"""
+
+import math
+import zlib
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from simulators.arm import Arm
+from simulators.clock import Clock
+from simulators.conveyor import Conveyor
+from simulators.layout import build_layout
+from simulators.parts import BaseDrawing, BatteryDrawing, PlateDrawing
+from simulators.place import Place, turned_about
+from simulators.product import Product
+from simulators.suction import Suction
+from simulators.supply import Delivery, Displacement, Scatter, Sizes, Supply
+from simulators.verdict import Fit, Rectangle, Verdict, fit
+
+TOUCH_MM = 0.6  # the cup's lip gives so much
+FLOOR = "floor"
+GOLDEN_CARRIER = 9000
+PLATE = PlateDrawing()
+PLATE_MIDDLE = Place((PLATE.columns - 1) * PLATE.pitch_mm / 2, (PLATE.rows - 1) * PLATE.pitch_mm / 2)
+
+
+@dataclass
+class Base:
+    """The base on the carrier at the station."""
+
+    place: Place  # base frame in robot coordinates
+    delivery: Delivery
+    carrier_id: int
+    seat: Rectangle
+    drawing: BaseDrawing  # with the sizes that this one came out with
+
+
+@dataclass
+class Battery:
+    """A battery, somewhere. `place` is seen from `where`: table and floor from the room, tool, seat from the base."""
+
+    size: Rectangle
+    drawing: BatteryDrawing
+    where: str
+    place: Place
+    displacement: Displacement
+
+
+@dataclass
+class Plate:
+    """The dot plate for camera 2, in its nest or on the cup. `place` is its large dot's, seen from `where`."""
+
+    where: str
+    place: Place
+
+
+class World:
+    """The cell as it truly is."""
+
+    def __init__(self, seed: int, product: Product, *, speed: float = 1.0) -> None:
+        self.seed = seed
+        self.product = product
+        self.clock = Clock(speed)
+        self.layout = build_layout(self.stream("layout"))
+        self.arm = Arm(self.clock, self.stream("arm"))
+        self.scatter = Scatter()
+        self.supply = Supply(self.stream("supply"), self.scatter)
+        self.conveyor = Conveyor(self.clock.now)
+        self.suction = Suction(self.clock.now)
+        self.estop_pressed = self.guard_open = False
+        self.air_ok = True
+        self.robot_enable = False
+        self.lights = {1: False, 2: False}
+        self.lamp_levels = (False, False, False, False)
+        self.base: Base | None = None
+        self.on_table: Battery | None = None
+        self.held: Battery | Plate | None = None
+        self.seated: Battery | None = None
+        self.plate = Plate("nest", Place(0.0, 0.0))
+        self.lost: list[Battery | Plate] = []
+        self.rejected: list[Battery | Plate] = []
+        self.verdicts: list[Verdict] = []
+        self.light_fault: dict[int, float] = {}
+        self._carriers = 0
+        self._good = True
+        self._cycle_since_s = 0.0
+        self._no_seal = False
+        self._subscribers: list[Callable[[], None]] = []
+        self._handlers: dict[str, Callable[..., None]] = {}
+
+    def stream(self, name: str) -> np.random.Generator:
+        """Random numbers that depend on the seed and the name only."""
+        return np.random.default_rng([self.seed, zlib.crc32(name.encode())])
+
+    # -- safety ------------------------------------------------------------------------------------------
+
+    def subscribe(self, callback: Callable[[], None]) -> None:
+        """Call back, on the loop, whenever a safety fact changes."""
+        self._subscribers.append(callback)
+
+    def set_safety(
+        self, *, estop: bool | None = None, guard_open: bool | None = None, air_ok: bool | None = None
+    ) -> None:
+        """A person presses or opens something."""
+        self.estop_pressed = self.estop_pressed if estop is None else estop
+        self.guard_open = self.guard_open if guard_open is None else guard_open
+        self.air_ok = self.air_ok if air_ok is None else air_ok
+        for callback in self._subscribers:
+            callback()
+
+    # -- sensors -----------------------------------------------------------------------------------------
+
+    def photo_switch(self) -> bool:
+        """Light beam at the station is broken."""
+        self._settle()
+        return self.conveyor.photo_switch()
+
+    def carrier_clamped(self) -> bool:
+        """The clamp holds a carrier."""
+        self._settle()
+        return self.conveyor.clamped and self.conveyor.occupied
+
+    def battery_on_table(self) -> bool:
+        """The table's presence sensor."""
+        self._settle()
+        return self.on_table is not None
+
+    def conveyor_moving(self) -> bool:
+        """The belt turns."""
+        return self.conveyor.moving
+
+    def vacuum_kpa(self) -> float:
+        """Pressure at the cup against the room, negative when sucking."""
+        self._settle()
+        return self.suction.pressure_kpa()
+
+    def carrier_id(self) -> int:
+        """Number of the carrier at the station, 0 = none."""
+        self._settle()
+        return self.base.carrier_id if self.base and self.conveyor.occupied else 0
+
+    # -- actuators ---------------------------------------------------------------------------------------
+
+    def drive_conveyor(self, on: bool) -> None:
+        """Belt motor."""
+        self._settle()
+        if on and not self.conveyor.moving and not self.conveyor.occupied:
+            self._cycle_since_s = self.clock.now()
+        self.conveyor.drive(on)
+
+    def clamp(self, on: bool) -> None:
+        """Carrier clamp."""
+        self._settle()
+        self.conveyor.clamped = on
+
+    def release_carrier(self, good: bool) -> None:
+        """Lower the stop pin, with the diverter set."""
+        self._settle()
+        if self.conveyor.occupied and not self.conveyor.leaving:
+            self._good = good
+            self.conveyor.release()
+
+    def valve(self, on: bool) -> None:
+        """Vacuum valve."""
+        self._settle()
+        self.suction.set(valve=on, sealed=self.held is not None)
+        self._settle()
+
+    def blow(self, on: bool) -> None:
+        """Blow-off valve."""
+        self._settle()
+        self.suction.set(blow=on)
+
+    def light(self, camera: int, on: bool) -> None:
+        """Ring light of a camera."""
+        self.lights[camera] = on
+
+    def lamps(self, red: bool, amber: bool, green: bool, buzzer: bool) -> None:
+        """Signal tower."""
+        self.lamp_levels = (red, amber, green, buzzer)
+
+    # -- faults ------------------------------------------------------------------------------------------
+
+    def register(self, component: str, handler: Callable[..., None]) -> None:
+        """A protocol simulator takes the faults of its component."""
+        self._handlers[component] = handler
+
+    def inject(self, component: str, fault: str, **params: object) -> None:
+        """Make something go wrong. Raises ValueError for what cannot be done."""
+        own: dict[tuple[str, str], Callable[[], None]] = {
+            ("vacuum", "lost"): self.drop,
+            ("vacuum", "no_seal"): lambda: self._set_no_seal(bool(params.get("on", True))),
+            ("conveyor", "stuck"): lambda: setattr(self.conveyor, "stuck", bool(params.get("on", True))),
+            ("safety", "estop"): lambda: self.set_safety(estop=bool(params.get("on", True))),
+            ("safety", "guard"): lambda: self.set_safety(guard_open=bool(params.get("on", True))),
+            ("safety", "air"): lambda: self.set_safety(air_ok=not params.get("on", True)),
+            ("camera_1", "dark"): lambda: self._dim(1, bool(params.get("on", True))),
+            ("camera_2", "dark"): lambda: self._dim(2, bool(params.get("on", True))),
+            ("supply", "no_base"): lambda: self.queue_deliveries([self._without_base()]),
+        }
+        if act := own.get((component, fault)):
+            act()
+        elif handler := self._handlers.get(component):
+            handler(fault, **params)
+        else:
+            known = sorted({f"{c} {f}" for c, f in own} | {f"{c} ..." for c in self._handlers})
+            raise ValueError(f"cannot inject {component} {fault}; there are: {', '.join(known)}")
+
+    def drop(self) -> None:
+        """What the cup holds falls off."""
+        self._settle()
+        if self.held is not None:
+            self._let_go(FLOOR)
+            self.suction.set(sealed=False)
+
+    def queue_deliveries(self, deliveries: list[Delivery]) -> None:
+        """Say what the line supplies next."""
+        self.supply.queue.extend(deliveries)
+
+    def _set_no_seal(self, on: bool) -> None:
+        self._no_seal = on
+
+    def _dim(self, camera: int, on: bool) -> None:
+        self.light_fault[camera] = 0.02 if on else 1.0
+
+    def _without_base(self) -> Delivery:
+        drawn = self.supply.next()
+        return Delivery(drawn.base, drawn.battery, drawn.sizes, has_base=False)
+
+    # -- the person at the cell --------------------------------------------------------------------------
+
+    def seat_golden_assembly(self) -> None:
+        """A person puts a base to the drawing on the carrier and seats a battery to the drawing in its middle."""
+        self._settle()
+        self._take(self.held)
+        self.base = self._base_of(Delivery(Displacement(), Displacement(), Sizes()), GOLDEN_CARRIER)
+        self.seated = self._golden_battery("seat", Place(0.0, 0.0))
+        self.on_table = None
+        self.conveyor.put()
+
+    def lay_reference_battery(self) -> None:
+        """A person lays a battery to the drawing exactly where it should lie on the table."""
+        self._settle()
+        self._take(self.held)
+        self.on_table = self._golden_battery("table", self.layout.table)
+
+    def clear_station(self) -> None:
+        """A person takes away base, batteries and whatever lies about, and puts the plate back into its nest."""
+        self._settle()
+        self._take(self.held)
+        self.base = self.on_table = self.seated = None
+        self.plate = Plate("nest", Place(0.0, 0.0))
+        self.lost.clear()
+        self.conveyor.remove()
+
+    def _golden_battery(self, where: str, place: Place) -> Battery:
+        return Battery(self.product.outline, self.product.battery, where, place, Displacement())
+
+    def _take(self, thing: Battery | Plate | None) -> None:
+        if thing is not None:
+            self.held = None
+            self.suction.set(sealed=False)
+
+    # -- truth -------------------------------------------------------------------------------------------
+
+    def tool(self, at_s: float | None = None) -> Place:
+        """The true tool frame in robot coordinates."""
+        pose = self.arm.tool_at(self.clock.now() if at_s is None else at_s)
+        return Place(pose.x_mm, pose.y_mm, pose.r_deg)
+
+    def fit(self) -> Fit | None:
+        """How the battery lies in the seat now, None when there is none."""
+        self._settle()
+        return self._fit()
+
+    # -- what happens ------------------------------------------------------------------------------------
+
+    def _settle(self) -> None:
+        while event := self.conveyor.step():
+            if event == "arrived":
+                self._arrive()
+            else:
+                self._leave()
+        self._attach_or_let_go()
+
+    def _arrive(self) -> None:
+        self._carriers += 1
+        delivery = self.supply.next()
+        self.base = self._base_of(delivery, self._carriers)
+        self.seated = None
+        if self.on_table is None:
+            self.on_table = self._battery_of(delivery)
+
+    def _leave(self) -> None:
+        if self.base is not None:
+            self.verdicts.append(
+                Verdict(
+                    number=len(self.verdicts) + 1,
+                    carrier_id=self.base.carrier_id,
+                    base=self.base.delivery.base,
+                    battery=self.seated.displacement if self.seated else Displacement(),
+                    fit=self._fit(),
+                    released_good=self._good,
+                    cycle_s=self.clock.now() - self._cycle_since_s,
+                )
+            )
+        self.base = self.seated = None
+        self._cycle_since_s = self.clock.now()
+
+    def _fit(self) -> Fit | None:
+        if self.base is None or self.seated is None:
+            return None
+        return fit(
+            self.base.seat,
+            self.seated.size,
+            self.product.outline,
+            self.product.mark,
+            self.seated.place,
+        )
+
+    def _base_of(self, delivery: Delivery, carrier_id: int) -> Base:
+        station, drawing = self.layout.station, self.product.base
+        centre = station.point(drawing.seat_x_mm, drawing.seat_y_mm)
+        moved = turned_about(centre, delivery.base.dx_mm, delivery.base.dy_mm, delivery.base.dt_deg)
+        seat = Rectangle(
+            drawing.seat_width_mm + delivery.sizes.seat_width_mm,
+            drawing.seat_height_mm + delivery.sizes.seat_height_mm,
+        )
+        made = replace(drawing, seat_width_mm=seat.width_mm, seat_height_mm=seat.height_mm)
+        return Base(moved @ station, delivery, carrier_id, seat, made)
+
+    def _battery_of(self, delivery: Delivery) -> Battery:
+        table, drawing = self.layout.table, self.product.outline
+        size = Rectangle(
+            drawing.width_mm + delivery.sizes.battery_width_mm,
+            drawing.height_mm + delivery.sizes.battery_height_mm,
+        )
+        d = delivery.battery
+        moved = turned_about((table.x_mm, table.y_mm), d.dx_mm, d.dy_mm, d.dt_deg)
+        made = replace(self.product.battery, width_mm=size.width_mm, height_mm=size.height_mm)
+        return Battery(size, made, "table", moved @ table, d)
+
+    def _attach_or_let_go(self) -> None:
+        now_s = self.clock.now()
+        if self.held is not None:
+            falls_s = self.suction.lets_go_s()
+            if falls_s is not None and falls_s <= now_s:
+                self._let_go(self._below(falls_s), falls_s)
+                self.suction.set(sealed=False)
+        elif self.suction.valve and not self._no_seal and not self.arm.moving_at(now_s):
+            self._attach(now_s)
+
+    def _attach(self, now_s: float) -> None:
+        tool = self.tool(now_s)
+        z_mm = self.arm.tool_at(now_s).z_mm
+        heights = self.layout.heights
+        if self.on_table and self._touches(z_mm, heights.table_mm, self.on_table.place, tool):
+            thing, self.on_table = self.on_table, None
+            self._hold(thing, tool.back() @ thing.place)
+        elif (
+            self.base
+            and self.seated
+            and self._touches(z_mm, heights.seat_mm, self._seat_in_room() @ self.seated.place, tool)
+        ):
+            thing, self.seated = self.seated, None
+            self._hold(thing, tool.back() @ self._seat_in_room() @ thing.place)
+        elif self.plate.where == "nest" and self._touches(
+            z_mm, heights.nest_mm, self._plate_in_room() @ PLATE_MIDDLE, tool
+        ):
+            self._hold(self.plate, tool.back() @ self._plate_in_room())
+
+    def _hold(self, thing: Battery | Plate, in_tool: Place) -> None:
+        thing.where, thing.place = "tool", in_tool
+        self.held = thing
+        self.suction.set(sealed=True)
+
+    def _touches(self, z_mm: float, top_mm: float, place: Place, tool: Place) -> bool:
+        return (
+            abs(z_mm - top_mm) <= TOUCH_MM
+            and math.hypot(tool.x_mm - place.x_mm, tool.y_mm - place.y_mm) <= self.product.grip_mm
+        )
+
+    def _let_go(self, where: str, at_s: float | None = None) -> None:
+        thing = self.held
+        assert thing is not None
+        self.held = None
+        in_room = self.tool(at_s) @ thing.place
+        thing.where, thing.place = where, in_room
+        if isinstance(thing, Plate) and where == "nest":
+            thing.place = self.layout.nest.back() @ in_room
+        elif isinstance(thing, Battery) and where == "seat" and self.base:
+            thing.place = self._seat_in_room().back() @ in_room
+            self.seated = thing
+        elif isinstance(thing, Battery) and where == "table":
+            self.on_table = thing
+        else:
+            (self.rejected if where == "reject" else self.lost).append(thing)
+
+    def _below(self, at_s: float) -> str:
+        """What a held part comes to lie on when it is let go at that time."""
+        pose, heights, layout = self.arm.tool_at(at_s), self.layout.heights, self.layout
+        here = [
+            ("seat", heights.seat_mm, self._seat_in_room(), self.base is not None and self.seated is None),
+            ("table", heights.table_mm, layout.table, self.on_table is None),
+            ("nest", heights.nest_mm, layout.nest @ PLATE_MIDDLE, True),
+            ("reject", heights.reject_mm, layout.reject, True),
+        ]
+        for name, z_mm, place, free in here:
+            near = math.hypot(pose.x_mm - place.x_mm, pose.y_mm - place.y_mm) <= 5.0
+            if free and near and abs(pose.z_mm - z_mm) <= TOUCH_MM:
+                return name
+        return FLOOR
+
+    def _seat_in_room(self) -> Place:
+        base = self.base.place if self.base else self.layout.station
+        return base @ self.product.seat
+
+    def _plate_in_room(self) -> Place:
+        return self.layout.nest @ self.plate.place
