@@ -112,9 +112,9 @@ FAULTS: dict[type[Exception], Fault] = {
         "S1", Reaction.ABORT, "Make the cell safe, release the emergency stop, close the guard, then Clear and Reset."
     ),
     NotReady: Fault("S2", Reaction.ABORT, "Bring the device into the state that is named, then Clear and Reset."),
-    NotCalibrated: Fault("C1", Reaction.ABORT, "Calibrate the cameras and teach the recipe, then Clear and Reset."),
+    NotCalibrated: Fault("C1", Reaction.HOLD, "Stop and Reset, then calibrate the cameras and teach the recipe."),
     CalibrationFailed: Fault(
-        "C2", Reaction.ABORT, "Clean the dot plate, check that it lies flat, and calibrate again."
+        "C2", Reaction.HOLD, "Clean the dot plate, check that it lies flat, then Unhold to calibrate again, or Stop."
     ),
     NoParts: Fault("P1", Reaction.SUSPEND, "Check the infeed; the cell goes on with Unsuspend."),
     PickFailed: Fault("P2", Reaction.HOLD, "Check battery table, cup and vacuum, take the battery away, then Unhold."),

@@ -9,14 +9,15 @@ LOUD = {"warning": "WARNING ", "error": "ERROR ", "critical": "ERROR "}
 
 
 def operator_line(event: Mapping[str, object]) -> str:
-    """Time, unit and step, what happened, what to do, how long it took.
+    """Time, unit and step, what happened and why, how long it took, what to do.
 
-    Knows the fields time, level, unit, step, name, logger, event, remedy, took_ms; all others are for machines.
+    Knows the fields time, level, unit, step, name, logger, event, why, took_ms, remedy; all others are for machines.
     """
     loud = LOUD.get(str(event.get("level")), "")
     remedy = f" -> {event['remedy']}" if event.get("remedy") else ""
     took = f" ({event['took_ms']:.0f} ms)" if isinstance(event.get("took_ms"), int | float) else ""
-    text = " ".join(f"{event.get('event', '')}".split())
+    why = f": {event['why']}" if event.get("why") else ""
+    text = " ".join(f"{event.get('event', '')}{why}".split())
     return f"{_clock(event)} {_who(event):<{WHO_WIDTH}} {loud}{text}{took}{remedy}"
 
 

@@ -8,29 +8,29 @@
 writes `14:03:07.412 unit 20261122-000123 3 locate base     base dX -0.003 ... (31 ms)` and keeps the duration.
 """
 
-import json
 import logging
 import sys
 import time
 from collections.abc import Callable, Iterator, Mapping, MutableMapping
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, ExitStack, contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass, field
-from datetime import datetime
 from pathlib import Path
+from types import TracebackType
 from typing import Literal, NamedTuple, NoReturn, TextIO, cast
 
 import structlog
 from structlog.typing import FilteringBoundLogger
 
-from cellctl.lines import operator_line
-from cellctl.log_file import Entry, LogWriter
+from cellctl.log_file import Entry, LogWriter, entry_of, now_text
 
 Level = Literal["debug", "info", "warning", "error"]
+Outcome = Literal["done", "failed", "cancelled"]
 MB = 1_000_000
 
 log = cast(FilteringBoundLogger, structlog.get_logger())
-bound = structlog.contextvars.bound_contextvars  # with bound(unit="..."): every line inside names the unit
+bind = structlog.contextvars.bind_contextvars  # from now on, every line of this task names these facts
+bind = structlog.contextvars.bind_contextvars
 
 
 class Log:
@@ -59,8 +59,6 @@ def configure(
 
     A file beyond `rotate_mb` is put aside as PATH.1, up to PATH.<keep>. Loggers of the standard library come in too.
     """
-    if path is not None:
-        path.parent.mkdir(parents=True, exist_ok=True)
     writer = LogWriter(path, stream or sys.stdout, rotate_bytes=int(rotate_mb * MB), keep=keep)
     least = logging.getLevelNamesMapping()[level.upper()]
     structlog.configure(
@@ -77,8 +75,7 @@ def configure(
 
 
 def _stamp(_logger: object, _method: str, event: MutableMapping[str, object]) -> MutableMapping[str, object]:
-    now = datetime.now().astimezone().isoformat(timespec="milliseconds")
-    return {"time": now, "mono_s": round(time.monotonic(), 6), **event}
+    return {"time": now_text(), "mono_s": round(time.monotonic(), 6), **event}
 
 
 class _Hand:
@@ -88,8 +85,7 @@ class _Hand:
         self._put = put
 
     def __call__(self, _logger: object, _method: str, event: Mapping[str, object]) -> NoReturn:
-        text = json.dumps(event, default=str, ensure_ascii=False, separators=(",", ":"))
-        self._put(Entry(operator_line(event), text))
+        self._put(entry_of(event))
         raise structlog.DropEvent
 
 
@@ -97,8 +93,13 @@ class _FromStandardLibrary(logging.Handler):
     """Takes what libraries log, on one line."""
 
     def emit(self, record: logging.LogRecord) -> None:
-        """Log it as ours, with the library's logger name."""
-        log.log(record.levelno, record.getMessage(), logger=record.name, exc_info=record.exc_info)
+        """Log it as ours, with the library's logger name; a library's bad format string costs only its arguments."""
+        try:
+            text = record.getMessage()
+        except (TypeError, ValueError):
+            text = str(record.msg)
+        level = max(logging.DEBUG, min(record.levelno // 10 * 10, logging.CRITICAL))
+        log.log(level, text, logger=record.name, exc_info=record.exc_info)
 
 
 def _route_standard_library(least: int) -> logging.Handler:
@@ -114,13 +115,25 @@ def _route_standard_library(least: int) -> logging.Handler:
 # -- steps -------------------------------------------------------------------------------------------------
 
 
+@contextmanager
+def bound(**facts: object) -> Iterator[None]:
+    """Every line inside names these facts; what was bound inside, by `bind` too, is forgotten at the end."""
+    before = structlog.contextvars.get_contextvars()
+    bind(**facts)
+    try:
+        yield
+    finally:
+        structlog.contextvars.clear_contextvars()
+        bind(**before)
+
+
 class StepTime(NamedTuple):
     """How long a step of the cycle took."""
 
     number: int
     name: str
     took_ms: float
-    outcome: Literal["done", "failed", "cancelled"]
+    outcome: Outcome
 
 
 @dataclass
@@ -131,43 +144,53 @@ class StepLine:
     data: dict[str, object] = field(default_factory=dict)
 
 
-_trace: ContextVar[list[StepTime] | None] = ContextVar("trace", default=None)
+_steps: ContextVar[list[StepTime] | None] = ContextVar("steps", default=None)
 
 
 @contextmanager
 def trace() -> Iterator[list[StepTime]]:
     """Collect the durations of all steps inside, also of tasks that are started inside."""
     steps: list[StepTime] = []
-    token = _trace.set(steps)
+    token = _steps.set(steps)
     try:
         yield steps
     finally:
-        _trace.reset(token)
+        _steps.reset(token)
 
 
-@contextmanager
-def step(number: int, name: str) -> Iterator[StepLine]:
+class step(AbstractContextManager[StepLine]):  # noqa: N801 - reads as a statement: with step(3, "look at base"):
     """Log one step of the cycle with its duration; every line logged inside names it."""
-    line = StepLine()
-    began_s = time.monotonic()
-    with bound(step=number, name=name):
-        try:
-            yield line
-        finally:
-            _end_of_step(number, name, line, (time.monotonic() - began_s) * 1000)
 
+    def __init__(self, number: int, name: str) -> None:
+        self._number = number
+        self._name = name
+        self._line = StepLine()
+        self._stack = ExitStack()
+        self._began_s = 0.0
 
-def _end_of_step(number: int, name: str, line: StepLine, took_ms: float) -> None:
-    error = sys.exception()
-    steps = _trace.get()
-    if error is None:
-        outcome: Literal["done", "failed", "cancelled"] = "done"
-        log.info(line.text, took_ms=round(took_ms, 3), outcome=outcome, **line.data)
-    elif isinstance(error, Exception):
-        outcome = "failed"
-        log.warning(f"failed: {error}", took_ms=round(took_ms, 3), outcome=outcome, error=type(error).__name__)
-    else:
-        outcome = "cancelled"
-        log.info("cancelled", took_ms=round(took_ms, 3), outcome=outcome)
-    if steps is not None:
-        steps.append(StepTime(number, name, round(took_ms, 3), outcome))
+    def __enter__(self) -> StepLine:
+        # only these two are taken back: a unit that is bound inside a step outlives the step
+        self._stack.enter_context(structlog.contextvars.bound_contextvars(step=self._number, name=self._name))
+        self._began_s = time.monotonic()
+        return self._line
+
+    def __exit__(
+        self, _kind: type[BaseException] | None, error: BaseException | None, _trace: TracebackType | None
+    ) -> None:
+        took_ms = round((time.monotonic() - self._began_s) * 1000, 3)
+        with self._stack:
+            outcome = self._log_end(error, took_ms)
+        steps = _steps.get()
+        if steps is not None:
+            steps.append(StepTime(self._number, self._name, took_ms, outcome))
+
+    def _log_end(self, error: BaseException | None, took_ms: float) -> Outcome:
+        data = {"data": self._line.data} if self._line.data else {}
+        if error is None:
+            log.info(self._line.text, took_ms=took_ms, outcome="done", **data)
+            return "done"
+        if isinstance(error, Exception):
+            log.warning(f"failed: {error}", took_ms=took_ms, outcome="failed", error=type(error).__name__, **data)
+            return "failed"
+        log.info("cancelled", took_ms=took_ms, outcome="cancelled", **data)
+        return "cancelled"

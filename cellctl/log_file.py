@@ -1,11 +1,16 @@
 """The thread that writes the log, so that a slow disk or terminal never holds the event loop up."""
 
 import contextlib
+import json
 import os
 import queue
 import threading
+from collections.abc import Mapping
+from datetime import datetime
 from pathlib import Path
 from typing import IO, NamedTuple, TextIO
+
+from cellctl.lines import operator_line
 
 MOST_WAITING = 10_000
 CLOSE_WITHIN_S = 2.0
@@ -16,6 +21,21 @@ class Entry(NamedTuple):
 
     line: str
     json: str
+
+
+def entry_of(event: Mapping[str, object]) -> Entry:
+    """Both forms of one event."""
+    text = json.dumps(event, default=str, skipkeys=True, ensure_ascii=False, separators=(",", ":"))
+    return Entry(operator_line(event), text)
+
+
+def now_text() -> str:
+    """The wall clock's time for people and records; never used to measure or to order."""
+    return datetime.now().astimezone().isoformat(timespec="milliseconds")
+
+
+def _own_warning(text: str) -> Entry:
+    return entry_of({"time": now_text(), "level": "warning", "logger": "log", "event": text})
 
 
 class LogWriter:
@@ -55,7 +75,7 @@ class LogWriter:
             self._write(entry)
             if self._dropped and self._entries.empty():
                 dropped, self._dropped = self._dropped, 0
-                self._say(f"WARNING {dropped} log entries were lost: stream or disk is too slow")
+                self._write(_own_warning(f"{dropped} log entries were lost: stream or disk is too slow"))
         if self._file is not None:
             self._file.close()
 
@@ -70,7 +90,8 @@ class LogWriter:
             self._file = None
             if not self._complained:
                 self._complained = True
-                self._say(f"WARNING the log file {self._path} cannot be written: {error.strerror}; make room")
+                text = f"the log file {self._path} cannot be written: {error.strerror}; make room, check its folder"
+                self._say(_own_warning(text).line)
 
     def _say(self, line: str) -> None:
         with contextlib.suppress(OSError, ValueError):  # nobody reads any more: a closed pipe, terminal or test
@@ -83,6 +104,7 @@ class LogWriter:
             self._file = None
             self._put_aside(path)
         if self._file is None:
+            path.parent.mkdir(parents=True, exist_ok=True)
             self._file = path.open("ab", buffering=0)
         self._file.write(data)
 

@@ -49,13 +49,14 @@ class Pictures:
         measurement: Measurement | None,
         expected: Expected,
         caption: str,
-    ) -> None:
-        """Draw and write it soon; returns at once."""
+    ) -> str:
+        """Draw and write it soon; returns its file name at once."""
         path = self.folder / f"{unit}-{camera}.jpg"
         try:
             self._queue.put_nowait(_Job(path, pixels, measurement, expected, caption))
         except queue.Full:
             self.dropped += 1
+        return path.name
 
     def close(self) -> None:
         """Write what waits, then end."""

@@ -108,3 +108,20 @@ def write_json(rows: Iterable[Unit], stream: TextIO) -> None:
     """One JSON object per line and unit."""
     for row in rows:
         stream.write(json.dumps(row, ensure_ascii=False) + "\n")
+
+
+def write_table(rows: Iterable[Unit], stream: TextIO) -> None:
+    """For people: one line per unit."""
+    stream.write(f"{'unit':<16} {'ended':<19} {'verdict':<8}  fault  cycle  base dX dY dT, battery dX dY dT\n")
+    for row in rows:
+        ended = str(row["ended"] or "-")[:19].replace("T", " ")
+        cycle = f"{row['cycle_s']:5.2f}s" if isinstance(row["cycle_s"], float) else f"{'-':>6}"
+        stream.write(
+            f"{row['unit']:<16} {ended:<19} {row['verdict']:<8}  {row['fault'] or '-':<5} {cycle}  "
+            f"{_offset(row, 'base')}, {_offset(row, 'battery')}\n"
+        )
+
+
+def _offset(row: Unit, part: str) -> str:
+    values = [row[f"{part}_{axis}"] for axis in ("dx_mm", "dy_mm", "dt_deg")]
+    return " ".join(f"{value:+.3f}" if isinstance(value, float) else "-" for value in values)

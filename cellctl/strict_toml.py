@@ -7,6 +7,7 @@ refused as a whole, with all its mistakes at once and each at its place. Models 
 import codecs
 import difflib
 import json
+import math
 import re
 import stat
 import tomllib
@@ -166,8 +167,7 @@ def _offset(text: str, line: int, column: int) -> int:
 
 def _key_at(layout: Layout, offset: int) -> str:
     """The key whose value contains the offset, as the beginning of a sentence."""
-    statements = [*layout.statements, *([layout.open_key] if layout.open_key else [])]
-    inside = [each for each in statements if each.start <= offset <= each.end]
+    inside = [each for each in layout.statements + layout.unfinished if each.start <= offset <= each.end]
     return f"{_dotted(max(inside).path)}: " if inside else ""
 
 
@@ -259,14 +259,15 @@ def _range(error: ErrorDetails, field: FieldInfo | None) -> str:
     name = next((str(part) for part in reversed(error["loc"]) if isinstance(part, str)), "")
     unit = next((unit for unit in UNITS if name.endswith(f"_{unit}") or name == unit), "")
     said = " and ".join(f"{word} {bounds[name]:g}" for name, word in BOUNDS.items() if name in bounds)
-    hint = f", is it in {THOUSANDTH[unit]}?" if unit in THOUSANDTH and _fits(error["input"] / 1000, bounds) else ""
+    hint = f", is it in {THOUSANDTH[unit]}?" if unit in THOUSANDTH and _thousandfold(error["input"], bounds) else ""
     return f"must be {said} {unit}".rstrip() + hint
 
 
-def _fits(value: float, bounds: dict[str, float]) -> bool:
-    return bounds.get("ge", value) <= value <= bounds.get("le", value) and (
-        bounds.get("gt", value - 1) < value < bounds.get("lt", value + 1)
-    )
+def _thousandfold(value: float, bounds: dict[str, float]) -> bool:
+    """Far above the bounds, but well within them as thousandths."""
+    lowest = bounds.get("ge", bounds.get("gt", -math.inf))
+    highest = bounds.get("le", bounds.get("lt", math.inf))
+    return value >= 10 * highest and lowest <= value / 1000 <= highest
 
 
 def _table(annotation: Any) -> type[Settings] | None:

@@ -42,12 +42,12 @@ class Statement(NamedTuple):
 
 
 class Layout(NamedTuple):
-    """What was found: every path, every finished statement, and where and why scanning ended early."""
+    """What was found: every path, every statement, and, when the text could not be followed, where and why."""
 
     spots: dict[KeyPath, Spot]
     statements: list[Statement]
     stuck: int | None
-    open_key: Statement | None
+    unfinished: list[Statement]
     too_much: str
 
 
@@ -65,8 +65,8 @@ def scan(text: str) -> Layout:
     try:
         scanner.document()
     except _Stuck as stuck:
-        return Layout(scanner.spots, scanner.statements, stuck.offset, scanner.open_key, stuck.too_much)
-    return Layout(scanner.spots, scanner.statements, None, None, "")
+        return Layout(scanner.spots, scanner.statements, stuck.offset, scanner.unfinished, stuck.too_much)
+    return Layout(scanner.spots, scanner.statements, None, [], "")
 
 
 class _Scanner:
@@ -76,7 +76,7 @@ class _Scanner:
         self.table: KeyPath = ()
         self.spots: dict[KeyPath, Spot] = {}
         self.statements: list[Statement] = []
-        self.open_key: Statement | None = None
+        self.unfinished: list[Statement] = []
         self.last_element: dict[KeyPath, int] = {}  # of arrays of tables
 
     def document(self) -> None:
@@ -86,7 +86,6 @@ class _Scanner:
                 self.header()
             else:
                 self.pair(self.table)
-            self.open_key = None
             self.skip(BLANK)
 
     def header(self) -> None:
@@ -111,10 +110,11 @@ class _Scanner:
         names = self.names(self.at)
         name, key = names[-1]
         path = (*self.mark(table, names[:-1]), name)
-        self.open_key = Statement(key, path, len(self.text))
+        self.unfinished.append(Statement(key, path, len(self.text)))
         self.take("=", key)
         self.skip(SPACE)
         self.value(path, key)
+        self.unfinished.pop()
         self.statements.append(Statement(key, path, self.at))
 
     def mark(self, path: KeyPath, names: list[tuple[str, int]]) -> KeyPath:

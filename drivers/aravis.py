@@ -81,7 +81,7 @@ class _Library:
         self._declare_gobject()
         p, s, i, u = c_void_p, c_char_p, c_int, c_uint
         self.camera_new = self._checked("camera_new", p, s)
-        self.camera_text = self._checked("camera_get_string", c_char_p, p, s)
+        self.serial = self._checked("camera_get_device_serial_number", c_char_p, p)
         self.camera_number = self._checked("camera_get_integer", ctypes.c_int64, p, s)
         self.set_region = self._checked("camera_set_region", None, p, i, i, i, i)
         self.set_pixel_format = self._checked("camera_set_pixel_format", None, p, c_uint32)
@@ -100,6 +100,7 @@ class _Library:
         self.stream_options = self._plain("camera_gv_set_stream_options", None, p, i)
         self.device = self._plain("camera_get_device", p, p)
         self.is_controller = self._plain("gv_device_is_controller", i, p)
+        self.take_control = self._checked("gv_device_take_control", i, p)
         self.tick_rate = self._checked("gv_device_get_timestamp_tick_frequency", c_uint64, p)
         self.write_register = self._checked("device_write_register", i, p, c_uint64, c_uint32)
         self.read_memory = self._checked("device_read_memory", i, p, c_uint64, c_uint32, p)
@@ -181,9 +182,13 @@ class Device:
         """Do we (still) have control, as far as the library's heartbeat knows?"""
         return bool(self._lib.is_controller(self._device))
 
-    def text(self, feature: str) -> str:
-        """A text feature, stripped."""
-        return (self._lib.camera_text(self._camera, feature.encode()) or b"").decode(errors="replace").strip()
+    def take_control(self) -> None:
+        """Ask for control; opening asks once already."""
+        self._lib.take_control(self._device)
+
+    def serial(self) -> str:
+        """The serial number."""
+        return (self._lib.serial(self._camera) or b"").decode(errors="replace").strip()
 
     def number(self, feature: str) -> int:
         """An integer feature."""

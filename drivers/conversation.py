@@ -15,6 +15,8 @@ from drivers.rcx import STOP, Code, Kind, classify, parse_failure
 ANSWER_S = 1.0
 STOP_S = 2.0
 GREETING_S = 0.5
+SILENCE_S = 0.1
+MOST_SILENCES = 20
 MOST_DATA_LINES = 16
 QUESTION_GROUPS = (0, 4, 5, 14)  # codes that a query or a setting can earn
 
@@ -73,6 +75,7 @@ class Conversation:
         self._asking = asyncio.Lock()
         self._greeted = asyncio.Event()
         self._reader: asyncio.Task[None] | None = None
+        self._lines_heard = 0
 
     @property
     def is_open(self) -> bool:
@@ -93,15 +96,17 @@ class Conversation:
         if reader is not None:
             await asyncio.wait((reader,))  # it ends with the link
 
-    async def greeting(self) -> None:
-        """Let a network greeting pass, if one comes; a serial line has none."""
-        if self._link.is_serial or self._reader is None:
-            return
-        greeted = asyncio.create_task(self._greeted.wait())
-        try:
-            await asyncio.wait((greeted, self._reader), timeout=GREETING_S, return_when=asyncio.FIRST_COMPLETED)
-        finally:
-            greeted.cancel()
+    async def quiet(self) -> None:
+        """Let a network greeting pass, or, on a serial line, the answers to an earlier conversation."""
+        if self._link.is_serial:
+            await self._silence()
+        elif self._reader is not None:
+            greeted = asyncio.create_task(self._greeted.wait())
+            try:
+                waiting = (greeted, self._reader)
+                await asyncio.wait(waiting, timeout=GREETING_S, return_when=asyncio.FIRST_COMPLETED)
+            finally:
+                greeted.cancel()
 
     async def ask(self, line: str, *, within_s: float = ANSWER_S) -> list[str]:
         """Send a query or a setting and return the data lines before its OK.
@@ -158,6 +163,13 @@ class Conversation:
                 self._link.poison("an answer did not come in time")
             raise NoAnswer(self.device, f"{complaint} within {within_s:.3g} s") from None
 
+    async def _silence(self) -> None:
+        for _ in range(MOST_SILENCES):
+            heard = self._lines_heard
+            await asyncio.sleep(SILENCE_S)
+            if self._lines_heard == heard:
+                return
+
     async def _let_come(self, question: _Question, within_s: float) -> None:
         await asyncio.wait((question.done,), timeout=within_s)
         if not question.done.done():
@@ -184,24 +196,30 @@ class Conversation:
                     waiting.fail(error)
 
     def _take(self, line: str) -> None:
-        question, operation = self._question, self._operation
+        self._lines_heard += 1
         kind = classify(line)
         if kind is Kind.NOTHING:
             self._greeted.set()
         elif kind is Kind.FAILURE:
             self._take_failure(line)
-        elif kind is Kind.OK and question is not None:
+        elif self._question is not None and kind in (Kind.OK, Kind.DATA):
+            self._take_answer(self._question, kind, line)
+        elif self._operation is not None:
+            self._take_progress(self._operation, kind)
+
+    def _take_answer(self, question: _Question, kind: Kind, line: str) -> None:
+        if kind is Kind.OK:
             _resolve(question.done)
-        elif kind is Kind.OK and operation is not None and not operation.accepted.done():
-            operation.finish()  # some firmware answers ALMRST and SERVO so
-        elif kind is Kind.RUN and operation is not None:
-            _resolve(operation.accepted)
-        elif kind is Kind.END and operation is not None:
-            operation.finish()
-        elif kind is Kind.DATA and question is not None:
+        elif len(question.data) < MOST_DATA_LINES:
             question.data.append(line.strip())
-            if len(question.data) > MOST_DATA_LINES:
-                question.fail(self.garbled(question.line, question.data[:2]))
+        else:
+            question.fail(self.garbled(question.line, question.data[:2]))
+
+    def _take_progress(self, operation: _Operation, kind: Kind) -> None:
+        if kind is Kind.RUN:
+            _resolve(operation.accepted)
+        elif kind is Kind.END or (kind is Kind.OK and not operation.accepted.done()):
+            operation.finish()  # some firmware answers ALMRST and SERVO by a single OK
 
     def _take_failure(self, line: str) -> None:
         code = parse_failure(line)

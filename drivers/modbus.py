@@ -8,7 +8,7 @@ at before pymodbus sees it, and a broken connection or a bad answer ends the wai
 import asyncio
 import logging
 import struct
-from collections.abc import Awaitable, Sequence
+from collections.abc import Awaitable, Callable, Sequence
 
 from pymodbus.client import AsyncModbusTcpClient
 from pymodbus.exceptions import ModbusException
@@ -64,11 +64,13 @@ class ModbusLink:
 
     async def open(self) -> None:
         """Connect; raises LinkLost."""
+        cancels = _cancels()
         try:
             async with asyncio.timeout(CONNECT_WITHIN_S):
                 connected = await self._client.connect()
         except TimeoutError:
             connected = False
+        _heed_cancellation(cancels)
         if not connected:
             self.close()
             raise LinkLost(self._device, f"no connection to {self._peer} (Modbus TCP); check address, cable and power")
@@ -82,37 +84,41 @@ class ModbusLink:
     async def read(self, address: int, count: int) -> list[int]:
         """FC3: `count` holding registers. Raises LinkLost, NoAnswer, Garbled, Refused."""
         self._answer_length = 3 + 2 * count
-        request = self._client.read_holding_registers(address, count=count, device_id=self._unit_id)
-        answer = await self._ask(request, f"FC3 reading {_span(address, count)}")
+        answer = await self._ask(
+            lambda: self._client.read_holding_registers(address, count=count, device_id=self._unit_id),
+            f"FC3 reading {_span(address, count)}",
+        )
         return list(answer.registers)
 
     async def write(self, address: int, values: Sequence[int]) -> None:
         """FC16: write holding registers. Raises LinkLost, NoAnswer, Garbled, Refused."""
         self._answer_length = 6
-        request = self._client.write_registers(address, list(values), device_id=self._unit_id)
-        await self._ask(request, f"FC16 writing {_span(address, len(values))}")
+        await self._ask(
+            lambda: self._client.write_registers(address, list(values), device_id=self._unit_id),
+            f"FC16 writing {_span(address, len(values))}",
+        )
 
     async def read_write(self, read_address: int, count: int, write_address: int, values: Sequence[int]) -> list[int]:
         """FC23: write, then read, in one exchange. Raises LinkLost, NoAnswer, Garbled, Refused."""
         self._answer_length = 3 + 2 * count
-        request = self._client.readwrite_registers(
-            read_address=read_address,
-            read_count=count,
-            write_address=write_address,
-            values=values,
-            device_id=self._unit_id,
+        answer = await self._ask(
+            lambda: self._client.readwrite_registers(
+                read_address=read_address,
+                read_count=count,
+                write_address=write_address,
+                values=values,
+                device_id=self._unit_id,
+            ),
+            f"FC23 reading {_span(read_address, count)} and writing {_span(write_address, len(values))}",
         )
-        written = _span(write_address, len(values))
-        answer = await self._ask(request, f"FC23 reading {_span(read_address, count)} and writing {written}")
         return list(answer.registers)
 
-    async def _ask(self, request: Awaitable[ModbusPDU], what: str) -> ModbusPDU:
+    async def _ask(self, request: Callable[[], Awaitable[ModbusPDU]], what: str) -> ModbusPDU:
         answer: ModbusPDU | None = None
-        task = asyncio.current_task()
-        cancels_before = task.cancelling() if task else 0
+        cancels = _cancels()
         try:
             async with asyncio.timeout(self._within_s) as self._scope:
-                answer = await request
+                answer = await request()
         except TimeoutError:
             raise self._error or self._no_answer(what) from None
         except ModbusException as error:
@@ -122,9 +128,7 @@ class ModbusLink:
             self._asked = b""
             if answer is None:
                 self.close()  # a late answer must never meet a later question
-        if task and task.cancelling() > cancels_before:
-            # wait_for of Python 3.11, inside pymodbus, swallows a cancellation that meets the answer.
-            raise asyncio.CancelledError
+        _heed_cancellation(cancels)
         return self._checked(answer, what)
 
     def _no_answer(self, what: str) -> NoAnswer:
@@ -189,6 +193,18 @@ class ModbusLink:
         if function in (3, 23) and data[8] != length - 3:
             return f"byte count {data[8]} instead of {length - 3}"
         return ""
+
+
+def _cancels() -> int:
+    """How often the current task has been cancelled."""
+    task = asyncio.current_task()
+    return task.cancelling() if task else 0
+
+
+def _heed_cancellation(cancels_before: int) -> None:
+    """Cancel again: wait_for of Python 3.11, inside pymodbus, swallows a cancellation that meets the answer."""
+    if _cancels() > cancels_before:
+        raise asyncio.CancelledError
 
 
 def _span(address: int, count: int) -> str:

@@ -24,6 +24,11 @@ class PlcState(IntEnum):
     FAULT = 4
     EMERGENCY_STOP = 5
 
+    @property
+    def words(self) -> str:
+        """As it is called in a sentence."""
+        return self.name.lower().replace("_", " ")
+
 
 class Command(IntEnum):
     """Register 4."""
@@ -186,6 +191,7 @@ def why_unsafe(image: PlcImage) -> str:
         names = ", ".join(name for bit, name in SAFETY_NAMES.items() if bit & image.lost)
         return f"{names} was lost for a moment (register 106 is {int(image.lost):#06x}); find out why and reset"
     if image.state in (PlcState.FAULT, PlcState.EMERGENCY_STOP):
-        state = image.state.name.lower().replace("_", " ")
-        return f"PLC is in {state} (register 103 is {int(image.state)}, fault number in 114 is {image.fault})"
+        return (
+            f"PLC is in {image.state.words} (register 103 is {int(image.state)}, fault number in 114 is {image.fault})"
+        )
     return ""

@@ -135,7 +135,7 @@ class Robot:
     async def _greet(self) -> None:
         for pause_s in OPEN_PAUSES_S:
             await self._talk.open()
-            await self._talk.greeting()
+            await self._talk.quiet()
             if self._talk.is_open:
                 return
             await asyncio.sleep(pause_s)
@@ -144,9 +144,10 @@ class Robot:
     async def _resynchronise(self) -> None:
         """Stop what runs, then ask until question and answer belong together."""
         self._talk.stop()
-        answers = [await self._talk.ask(rcx.query("MODE")) for _ in range(3)]
-        if rcx.parse_integer(answers[-1][0] if len(answers[-1]) == 1 else "") is None:
-            raise self._talk.garbled("@?MODE", answers[-1])
+        await self._talk.quiet()
+        with contextlib.suppress(Refused):  # a first command may earn "communication disconnected", once
+            await self._talk.ask(rcx.query("MODE"))
+        await self._value("MODE", rcx.parse_integer)
 
     async def _prepare(self) -> None:
         """Robot coordinates of the bare flange, full automatic speed. Only possible with the control right."""

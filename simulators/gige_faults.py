@@ -33,6 +33,7 @@ class Faults:
 
     def __init__(self, rng: np.random.Generator) -> None:
         self._rng = rng
+        self.packets_dropped = 0
         self._verbs: dict[str, Callable[..., None]] = {
             "drop_ratio": self._drop_ratio,
             "drop_packets": self._drop_packets,
@@ -120,6 +121,7 @@ class Faults:
         lost = self._rng.random(order.size) < self._drop
         if self.take("drop_packets"):
             lost |= np.isin(order, list(self._chosen))
+        self.packets_dropped += int(np.count_nonzero(lost))
         order = order[~lost]
         if self.on("reorder"):
             order = order[np.argsort(np.arange(order.size) + self._rng.random(order.size) * SHUFFLED)]

@@ -1,9 +1,9 @@
 """GigE Vision stream protocol, the camera's end: a picture as packets, and their way onto the wire.
 
 A real gigabit link cannot deliver faster than the receiver's socket drains; a loopback link can, and what does not
-fit the receiver's buffer is lost without a word. So the sender sends in small groups and, where the kernel tells how
-much the receiver has not yet read (Linux, receiver on this machine), lets no more than two groups pile up. Elsewhere it
-keeps to `PACE_BPS`. All is done by one system call per group, without copying the pixels and without the interpreter lock.
+fit the receiver's buffer is lost without a word. So where the kernel tells how much room there is (Linux, receiver on
+this machine), the sender sends so much and waits for more; elsewhere it keeps to `PACE_BPS`, in small groups. All is
+done by one system call per group, without copying the pixels and without the interpreter lock.
 """
 
 import ctypes
@@ -13,6 +13,7 @@ import struct
 import sys
 import time
 from collections import OrderedDict
+from contextlib import suppress
 from typing import NamedTuple
 
 import numpy as np
@@ -26,7 +27,8 @@ UDP_OVERHEAD = 28
 LEADER, TRAILER, PAYLOAD = 0x01000000, 0x02000000, 0x03000000
 IMAGE = 1  # payload type
 PACE_BPS = 2.5e9
-GROUP_BYTES = 96_000  # two groups fit the stock receive buffer of 212,992 bytes, as the kernel counts them
+BLIND_GROUP_BYTES = 48_000  # half a stock receive buffer of 212,992 bytes, as the kernel counts such packets
+USABLE = 0.8  # of what is free in the receiver's buffer
 KEPT_BLOCKS = 4  # pictures that can be asked for again
 LONGEST_STALL_S = 0.05  # a receiver that does not read for so long loses packets, as from a real camera
 SHORTEST_NAP_S = 0.00005
@@ -123,43 +125,50 @@ def unavailable(number: int, packet: int) -> bytes:
     return struct.pack(">HHI", Status.PACKET_UNAVAILABLE, number, PAYLOAD + packet)
 
 
-class ReceiverQueue:
-    """How many bytes a socket on this machine has received and its owner not yet read (Linux socket diagnostics)."""
+class ReceiverBuffer:
+    """How full the receive buffer of a socket on this machine is (Linux socket diagnostics over netlink)."""
 
     REQUEST = struct.Struct("=IHHIIBBBBI")
     SOCKET_ID = struct.Struct(">HH4s12x4s12xI8s")
-    ANSWER = struct.Struct("=4x48xII")  # in the answer's body: family and state, socket id, expiry, read queue
+    BY_FAMILY, ASK, MEMORY = 20, 1, 7
+    MESSAGE_BYTES, HEADER_BYTES = 72, 16
 
     def __init__(self) -> None:
-        try:
-            self._link: socket.socket | None = socket.socket(socket.AF_NETLINK, socket.SOCK_RAW, 4)
+        self._link: socket.socket | None = None
+        with suppress(OSError):
+            self._link = socket.socket(socket.AF_NETLINK, socket.SOCK_RAW, 4)
             self._link.settimeout(0.01)
-        except OSError:
-            self._link = None
-
-    def unread(self, sender: Target, receiver: Target) -> int | None:
-        """Bytes as the kernel counts them, or None where nothing is known of that socket."""
-        if self._link is None:
-            return None
-        ask = self.SOCKET_ID.pack(
-            sender[1], receiver[1], socket.inet_aton(sender[0]), socket.inet_aton(receiver[0]), 0, b"\xff" * 8
-        )
-        head = self.REQUEST.pack(
-            self.REQUEST.size + len(ask), 20, 1, 1, 0, socket.AF_INET, socket.IPPROTO_UDP, 0, 0, 0xFFFFFFFF
-        )
-        try:
-            self._link.send(head + ask)
-            reply = self._link.recv(1024)
-        except OSError:
-            return None
-        found = len(reply) >= 16 + self.ANSWER.size and struct.unpack_from("=H", reply, 4)[0] == 20
-        return int(self.ANSWER.unpack_from(reply, 16)[1]) if found else None
 
     def close(self) -> None:
         """Let the kernel's end go."""
         if self._link is not None:
             self._link.close()
             self._link = None
+
+    def room(self, sender: Target, receiver: Target) -> tuple[int, int] | None:
+        """(free, whole) in bytes as the kernel counts them, or None where nothing is known of that socket."""
+        if self._link is None:
+            return None
+        ends = socket.inet_aton(sender[0]), socket.inet_aton(receiver[0])
+        ask = self.SOCKET_ID.pack(sender[1], receiver[1], *ends, 0, b"\xff" * 8)
+        length, which = self.REQUEST.size + len(ask), (socket.AF_INET, socket.IPPROTO_UDP, 1 << (self.MEMORY - 1), 0)
+        try:
+            self._link.send(self.REQUEST.pack(length, self.BY_FAMILY, self.ASK, 1, 0, *which, 0xFFFFFFFF) + ask)
+            reply = self._link.recv(1024)
+        except OSError:
+            return None
+        return self._memory(reply)
+
+    def _memory(self, reply: bytes) -> tuple[int, int] | None:
+        """The first two numbers of the memory attribute: bytes used, bytes allowed."""
+        at = self.HEADER_BYTES + self.MESSAGE_BYTES
+        while at + 12 <= len(reply):
+            length, kind = struct.unpack_from("=HH", reply, at)
+            if kind == self.MEMORY:
+                used, whole = struct.unpack_from("=II", reply, at + 4)
+                return whole - used, whole
+            at += max(4, (length + 3) & ~3)
+        return None
 
 
 class Sender:
@@ -172,14 +181,14 @@ class Sender:
         self._socket.bind((ip, 0))
         self._socket.setsockopt(socket.IPPROTO_IP, IP_MTU_DISCOVER, IP_PMTUDISC_DO)
         self._source: Target = self._socket.getsockname()
-        self._queue = ReceiverQueue()
+        self._buffer = ReceiverBuffer()
         self._blocks: OrderedDict[int, Block] = OrderedDict()
         self._sendmmsg = ctypes.CDLL(None, use_errno=True).sendmmsg
         self._sendmmsg.argtypes = [ctypes.c_int, ctypes.c_void_p, ctypes.c_uint, ctypes.c_int]
 
     def close(self) -> None:
         """Close the sockets. No `send` may be under way."""
-        self._queue.close()
+        self._buffer.close()
         self._socket.close()
 
     @property
@@ -219,27 +228,28 @@ class Sender:
     def send(self, block: Block, order: Order, target: Target, delay_s: float = 0.0) -> None:
         """Send packets in this order, as fast as the receiver reads them; `delay_s` per packet is added."""
         messages = block.messages(order)
-        group = max(1, GROUP_BYTES // block.packet_size)
-        stall_until = time.monotonic() + LONGEST_STALL_S
-        due = time.monotonic()
-        for first in range(0, len(messages), group):
-            part = messages[first : first + group]
+        done, due_s = 0, time.monotonic()
+        give_up_s = due_s + LONGEST_STALL_S
+        while done < len(messages):
+            allowed, pace_s = self._allowed(block.packet_size, target)
+            if not allowed and time.monotonic() < give_up_s:
+                time.sleep(SHORTEST_NAP_S)
+                continue
+            part = messages[done : done + (allowed or len(messages))]
             self._transmit(part)
-            unread = self._let_drain(target, stall_until)
-            due += len(part) * delay_s
-            if unread is None:
-                due += len(part) * block.packet_size * 8 / PACE_BPS
-            nap_s = due - time.monotonic()
-            if nap_s > 0:
-                time.sleep(nap_s)
+            done += len(part)
+            due_s += len(part) * (delay_s + pace_s)
+            give_up_s = time.monotonic() + LONGEST_STALL_S
+            time.sleep(max(0.0, due_s - time.monotonic()) if delay_s or pace_s else 0.0)
 
-    def _let_drain(self, target: Target, until_s: float) -> int | None:
-        """Wait until the receiver has at most one group unread; None where the kernel does not tell."""
-        unread = self._queue.unread(self._source, target)
-        while unread is not None and unread > GROUP_BYTES and time.monotonic() < until_s:
-            time.sleep(SHORTEST_NAP_S)
-            unread = self._queue.unread(self._source, target)
-        return unread
+    def _allowed(self, packet_size: int, target: Target) -> tuple[int, float]:
+        """How many packets may go at once (0: wait), and the time that each has to take (s)."""
+        room = self._buffer.room(self._source, target)
+        if room is None:
+            return max(1, BLIND_GROUP_BYTES // packet_size), packet_size * 8 / PACE_BPS
+        free, whole = room
+        worth_it = free * 3 >= whole
+        return max(1, int(free * USABLE) // _charge(packet_size)) if worth_it else 0, 0.0
 
     def _transmit(self, messages: NDArray[np.uint64]) -> None:
         """Hand packets to the kernel; one that the kernel refuses (too large, no route) is lost, as on a wire."""
@@ -249,3 +259,9 @@ class Sender:
             done = self._sendmmsg(self._socket.fileno(), start, min(1024, len(messages) - at), 0)
             interrupted = done < 0 and ctypes.get_errno() == errno.EINTR
             at += 0 if interrupted else max(done, 1)
+
+
+def _charge(packet_size: int) -> int:
+    """What the kernel counts a packet in a receive buffer for: its memory comes in powers of two up to 16 KiB."""
+    needed = packet_size + 320
+    return 256 + (1 << (needed - 1).bit_length() if needed <= 16384 else needed + needed // 16)

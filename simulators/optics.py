@@ -62,9 +62,9 @@ class Optics:
     def px_from_mm(self, points: Points) -> Points:
         """Where points (..., 2) of the object plane appear in the picture."""
         q = np.asarray(points, float) @ self.matrix.T + (self.offset_px - self.centre_px)
-        q *= 1.0 + self.k1 * np.sum(q * q, axis=-1, keepdims=True)
+        q *= (1.0 + self.k1 * (q[..., 0] ** 2 + q[..., 1] ** 2))[..., None]
         q += self.centre_px
-        return q
+        return np.asarray(q)
 
     def mm_from_px(self, points: Points) -> Points:
         """The exact inverse of `px_from_mm`, by Newton's method on the radius."""
@@ -76,10 +76,10 @@ class Optics:
         p *= r / np.where(seen > 0.0, seen, 1.0)
         return np.asarray((p + self.centre_px - self.offset_px) @ np.linalg.inv(self.matrix).T)
 
-    def directions(self, points: Points, directions: Points) -> Points:
-        """How directions in mm, taken at points in mm, run in the picture (px per mm)."""
-        a = self.matrix
-        q = points @ a.T + (self.offset_px - self.centre_px)
-        t = directions @ a.T
-        along = 2.0 * self.k1 * np.sum(q * t, axis=-1, keepdims=True)
-        return np.asarray(t * (1.0 + self.k1 * np.sum(q * q, axis=-1, keepdims=True)) + q * along)
+    def traced(self, points: Points, directions: Points) -> tuple[Points, Points]:
+        """`px_from_mm` of points, and how directions in mm at these points run in the picture (px per mm)."""
+        q = points @ self.matrix.T + (self.offset_px - self.centre_px)
+        t = directions @ self.matrix.T
+        grown = (1.0 + self.k1 * (q[..., 0] ** 2 + q[..., 1] ** 2))[..., None]
+        turned = (2.0 * self.k1 * (q[..., 0] * t[..., 0] + q[..., 1] * t[..., 1]))[..., None]
+        return q * grown + self.centre_px, t * grown + q * turned

@@ -5,7 +5,7 @@ world's sensors and actuators and the memory words 0..15 and 100..131. Process t
 the client (heartbeat, session) runs in wall seconds, because the client is not accelerated.
 """
 
-from collections.abc import MutableMapping
+from collections.abc import Callable, MutableMapping
 from enum import Enum, auto
 from typing import Protocol
 
@@ -23,7 +23,7 @@ CLAMP_S = 1.0
 LEAVE_S = 4.0
 REACHED_KPA, LOST_KPA = -40.0, -35.0
 
-FAULT_CLIENT_SILENT, FAULT_CONVEYOR, FAULT_CLAMP, FAULT_SAFETY = 1, 2, 3, 4
+NO_FAULT, FAULT_JAMMED, FAULT_CLAMP = range(3)  # register 114
 
 
 class PlcWorld(Protocol):
@@ -34,19 +34,44 @@ class PlcWorld(Protocol):
     air_ok: bool
     robot_enable: bool
 
-    def photo_switch(self) -> bool: ...
-    def carrier_clamped(self) -> bool: ...
-    def battery_on_table(self) -> bool: ...
-    def conveyor_moving(self) -> bool: ...
-    def vacuum_kpa(self) -> float: ...
-    def carrier_id(self) -> int: ...
-    def drive_conveyor(self, on: bool) -> None: ...
-    def clamp(self, on: bool) -> None: ...
-    def release_carrier(self, good: bool) -> None: ...
-    def valve(self, on: bool) -> None: ...
-    def blow(self, on: bool) -> None: ...
-    def light(self, camera: int, on: bool) -> None: ...
-    def lamps(self, red: bool, amber: bool, green: bool, buzzer: bool) -> None: ...
+    def photo_switch(self) -> bool:
+        """A carrier is in the light beam at the station."""
+
+    def carrier_clamped(self) -> bool:
+        """The clamp holds a carrier."""
+
+    def battery_on_table(self) -> bool:
+        """Presence sensor of the table."""
+
+    def conveyor_moving(self) -> bool:
+        """The belt turns."""
+
+    def vacuum_kpa(self) -> float:
+        """At the cup, negative when sucking."""
+
+    def carrier_id(self) -> int:
+        """Of the carrier at the station, 0 = none."""
+
+    def drive_conveyor(self, on: bool) -> None:
+        """Belt motor."""
+
+    def clamp(self, on: bool) -> None:
+        """Carrier clamp."""
+
+    def release_carrier(self, good: bool) -> None:
+        """Lower the stop pin; the diverter sends the carrier to good or reject."""
+
+    def valve(self, on: bool) -> None:
+        """Vacuum valve."""
+
+    def blow(self, on: bool) -> None:
+        """Blow-off valve."""
+
+    def light(self, camera: int, on: bool) -> None:
+        """Light of camera 1 or 2."""
+
+    def lamps(self, red: bool, amber: bool, green: bool, buzzer: bool) -> None:
+        """Signal tower."""
 
 
 class Program(Protocol):
@@ -85,6 +110,7 @@ class Client:
         self.served = 0
         self.alive = False
         self.words = [0] * 16
+        self.known = False  # somebody was served since the PLC started
         self.foreign = 0  # session of a refused client whose words stand in the memory now
         self._last = (words[1], words[0])
         self._beat_wall_s = now_wall_s
@@ -99,6 +125,7 @@ class Client:
         begins = self.served == 0 and session != 0 and beats
         if begins:
             self.served = session
+            self.known = True
         self.foreign = session if session != self.served else 0
         if session == self.served != 0:
             if begins or heartbeat != self.words[0]:
@@ -106,10 +133,6 @@ class Client:
             self.words = list(words)
         self.alive = self.served != 0 and now_wall_s - self._beat_wall_s <= HEARTBEAT_WALL_S
         return begins
-
-    def occupy(self, session: int, now_wall_s: float) -> None:
-        """Somebody else's living session is served."""
-        self.served, self._beat_wall_s = session, now_wall_s
 
 
 class Step(Enum):
@@ -124,17 +147,26 @@ class Step(Enum):
 class PlcProgram:
     """The contract of the register map, executed."""
 
-    def __init__(self, world: PlcWorld, memory: MutableMapping[int, int], *, boot: int, now_wall_s: float) -> None:
+    def __init__(
+        self,
+        world: PlcWorld,
+        memory: MutableMapping[int, int],
+        *,
+        boot: int,
+        now_wall_s: float,
+        photo_switch: Callable[[], bool],
+        buttons: Callable[[], int],  # bits start, stop, reset
+    ) -> None:
         self._world = world
         self._memory = memory
         self._boot = boot
+        self._photo_switch = photo_switch
+        self._buttons = buttons
         self._started_wall_s = now_wall_s
-        self.client = Client(self._orders(), now_wall_s)
-        self.photo = Debounce(DEBOUNCE_S)
-        self.photo_raw = False
-        self.buttons = 0  # bits start, stop, reset
+        self._client = Client(self._orders(), now_wall_s)
+        self._photo = Debounce(DEBOUNCE_S)
+        self._pressed = 0
         self._presses = [0, 0]
-        self._buttons_before = 0
         self._safety = 0
         self._lost = 0
         self._step = Step.IDLE
@@ -150,7 +182,7 @@ class PlcProgram:
     def scan(self, now_world_s: float, now_wall_s: float) -> None:
         """One PLC cycle."""
         words = self._orders()
-        if self.client.step(words, now_wall_s) and words[3] != self._accepted:
+        if self._client.step(words, now_wall_s) and words[3] != self._accepted:
             # What a client wrote before it was served is refused, not executed later.
             self._accepted = self._finished = words[3]
             self._result = NOT_YOUR_SESSION
@@ -172,28 +204,28 @@ class PlcProgram:
         return [self._memory[at] for at in range(16)]
 
     def _read_inputs(self, now_world_s: float) -> None:
-        self.photo.step(self.photo_raw, now_world_s)
+        self._photo.step(self._photo_switch(), now_world_s)
         limit_kpa = LOST_KPA if self._vacuum else REACHED_KPA
         self._vacuum = self._world.vacuum_kpa() < limit_kpa
-        pressed = self.buttons & ~self._buttons_before
-        self._buttons_before = self.buttons
-        self._presses = [(count + (pressed >> at & 1)) & 0xFF for at, count in enumerate(self._presses)]
+        before, self._pressed = self._pressed, self._buttons()
+        new = self._pressed & ~before
+        self._presses = [(count + (new >> at & 1)) & 0xFF for at, count in enumerate(self._presses)]
 
     def _watch_safety(self) -> None:
         world = self._world
         estop_healthy, guard_closed = not world.estop_pressed, not world.guard_open
-        enable = estop_healthy and guard_closed and self.client.alive
+        enable = estop_healthy and guard_closed and self._client.alive
         now = estop_healthy | guard_closed << 1 | world.air_ok << 2 | enable << 3
         self._lost |= self._safety & ~now
         self._safety = now
         if self._step is not Step.IDLE and not enable:
-            self._fail(FAULT_SAFETY if self.client.alive else FAULT_CLIENT_SILENT)
+            self._finish(FAULT)
 
     def _take_command(self, now_world_s: float) -> None:
-        words = self.client.words
+        words = self._client.words
         number, command, argument = words[3:6]
         waits = self._step is not Step.IDLE and command != STOP_CONVEYOR
-        if self.client.foreign or not self.client.alive or number == self._accepted or waits:
+        if not self._client.alive or number == self._accepted or waits:
             return
         self._step = Step.IDLE
         self._accepted = number
@@ -208,7 +240,7 @@ class PlcProgram:
             self._finish(OK if command == STOP_CONVEYOR else UNKNOWN)
 
     def _begin_bring(self, now_s: float) -> None:
-        if self._world.carrier_clamped() or not self._safety & 8:
+        if self._world.carrier_clamped() or not self._may_move():
             self._finish(WRONG_STATE)
         else:
             self._world.clamp(False)
@@ -216,31 +248,36 @@ class PlcProgram:
 
     def _begin_release(self, carrier_id: int, good: bool, now_s: float) -> None:
         here = self._world.carrier_id()
-        if here == 0 or here != carrier_id or not self._world.carrier_clamped() or not self._safety & 8:
+        if here == 0 or here != carrier_id or not self._world.carrier_clamped() or not self._may_move():
             self._finish(WRONG_STATE)
         else:
             self._world.clamp(False)
             self._world.release_carrier(good)
             self._go(Step.LEAVING, now_s)
 
+    def _may_move(self) -> bool:
+        return bool(self._safety & 8) and self._fault == NO_FAULT
+
     def _run_conveyor(self, now_s: float) -> None:
         took_s = now_s - self._step_since_s
-        if self._step is Step.BRINGING and self.photo.on:
+        if self._step is Step.BRINGING and self._photo.on:
             self._world.drive_conveyor(False)
             self._world.clamp(True)
             self._go(Step.CLAMPING, now_s)
         elif self._step is Step.BRINGING and took_s > BRING_S:
-            self._fail(FAULT_CONVEYOR, TIMED_OUT)
+            self._finish(TIMED_OUT)  # no carrier came: the line is empty, the PLC is well
         elif self._step is Step.CLAMPING and self._world.carrier_clamped():
             self._arrivals = (self._arrivals + 1) & 0xFFFF
             self._arrived_s = now_s
             self._finish(OK)
         elif self._step is Step.CLAMPING and took_s > CLAMP_S:
-            self._fail(FAULT_CLAMP, TIMED_OUT)
-        elif self._step is Step.LEAVING and not self.photo.on:
+            self._fault = FAULT_CLAMP
+            self._finish(TIMED_OUT)
+        elif self._step is Step.LEAVING and not self._photo.on:
             self._finish(OK)
         elif self._step is Step.LEAVING and took_s > LEAVE_S:
-            self._fail(FAULT_CONVEYOR, TIMED_OUT)
+            self._fault = FAULT_JAMMED
+            self._finish(TIMED_OUT)
 
     def _go(self, step: Step, now_s: float) -> None:
         self._step, self._step_since_s = step, now_s
@@ -249,16 +286,13 @@ class PlcProgram:
         self._step = Step.IDLE
         self._finished, self._result = self._accepted, result
 
-    def _fail(self, fault: int, result: int = FAULT) -> None:
-        self._fault = fault
-        self._finish(result)
-
     def _drive(self) -> None:
-        world, outputs = self._world, self.client.words[6]
+        world, outputs = self._world, self._client.words[6]
         world.robot_enable = bool(self._safety & 8)
         world.drive_conveyor(self._step in (Step.BRINGING, Step.LEAVING))
-        world.valve(bool(outputs & 1))  # also when the client is silent: a part must not fall
-        world.blow(bool(outputs & 2) and self.client.alive)
+        if self._client.known:  # bistable: a part must not fall when the PLC starts or the client is silent
+            world.valve(bool(outputs & 1))
+        world.blow(bool(outputs & 2) and self._client.alive)
         world.light(1, bool(outputs & 4))
         world.light(2, bool(outputs & 8))
         world.lamps(bool(outputs & 16), bool(outputs & 32), bool(outputs & 64), bool(outputs & 128))
@@ -269,15 +303,15 @@ class PlcProgram:
             return STARTING
         if not self._safety & 1:
             return EMERGENCY_STOP
-        if self._fault not in (0, FAULT_CLIENT_SILENT):
+        if self._fault != NO_FAULT:
             return STATE_FAULT
-        if not self.client.alive:
+        if not self._client.alive:
             return CLIENT_SILENT
         return READY if self._step is Step.IDLE else RUNNING
 
     def _publish(self, words: list[int], now_world_s: float, now_wall_s: float) -> None:
         self._cycles = (self._cycles + 1) & 0xFFFF
-        refused = self.client.foreign != 0 and words[3] != self._accepted
+        refused = self._client.foreign != 0 and words[3] != self._accepted
         handshake = (
             (words[3], words[3], NOT_YOUR_SESSION) if refused else (self._accepted, self._finished, self._result)
         )
@@ -287,7 +321,7 @@ class PlcProgram:
         picture = (
             self._cycles,
             MAP_VERSION,
-            self.client.served,
+            self._client.served,
             self._state(now_wall_s),
             self._safety,
             self._inputs(),
@@ -308,10 +342,10 @@ class PlcProgram:
     def _inputs(self) -> int:
         world = self._world
         return (
-            self.photo.on
+            self._photo.on
             | self._vacuum << 1
             | world.carrier_clamped() << 2
             | world.battery_on_table() << 3
             | world.conveyor_moving() << 4
-            | self.buttons << 5
+            | self._pressed << 5
         )

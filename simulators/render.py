@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simulators.optics import PX_PER_MM, Light, Optics, Points
-from simulators.shapes import SMOOTH_DEG, Contour, Disks, Floats, Polygon, Ring, Shape, Stroke, disk, placed
+from simulators.shapes import Contour, Disks, Floats, Polygon, Ring, Shape, Stroke, disk, placed
 
 __all__ = [
     "PX_PER_MM",
@@ -42,6 +42,8 @@ Canvas: TypeAlias = NDArray[np.uint16]
 FINE = 128  # steps per grey level while painting
 MARGIN_PX = 48  # painted around the picture, so that bands need no clipping
 WIDEST_PX = MARGIN_PX // 2  # from an outline to the border of its band
+SMOOTH_DEG = 8.0  # a vertex that turns less than this is no corner
+STRIP_ROWS = 54  # rows that are exposed at a time: they stay in the cache
 REACH_SIGMA = 3.7  # a step is over at this many sigmas
 STEEPEST = math.tan(math.radians(55.0))  # columns scan outlines up to here, rows the others: both around 45 degrees
 NOISE_OFFSET = 32  # grey levels; banks are stored positive
@@ -64,11 +66,22 @@ def render(scene: Scene, optics: Optics, rng: np.random.Generator, *, exposure: 
         brush = _Brush(canvas, optics, rng, exposure)
         for shape in scene.shapes:
             brush.paint(shape)
-    inner = canvas[MARGIN_PX:-MARGIN_PX, MARGIN_PX:-MARGIN_PX]
-    seen = cv2.multiply(inner, _gain(optics.width, optics.height, optics.light), scale=1.0 / 32768.0)
-    noise = _cut(_noise_bank(round(optics.noise, 2), seen.size + BANK_SPARE), seen.shape, rng)
-    cv2.add(seen, noise, dst=seen)
-    return np.asarray(cv2.convertScaleAbs(seen, alpha=1.0 / FINE, beta=optics.black - NOISE_OFFSET), np.uint8)
+    return _exposed(canvas[MARGIN_PX:-MARGIN_PX, MARGIN_PX:-MARGIN_PX], optics, rng)
+
+
+def _exposed(light: Canvas, optics: Optics, rng: np.random.Generator) -> Pixels:
+    """What the sensor makes of the light on it: uneven illumination, noise, black level, 8 bits."""
+    gain = _gain(optics.width, optics.height, optics.light)
+    noise = _cut(_noise_bank(round(optics.noise, 2), light.size + BANK_SPARE), light.shape, rng)
+    pixels = np.empty(light.shape, np.uint8)
+    strip = np.empty((STRIP_ROWS, optics.width), np.uint16)
+    for row in range(0, optics.height, STRIP_ROWS):
+        rows = slice(row, min(row + STRIP_ROWS, optics.height))
+        part = strip[: rows.stop - row]
+        cv2.multiply(light[rows], gain[rows], dst=part, scale=1.0 / 32768.0)
+        cv2.add(part, noise[rows], dst=part)
+        cv2.convertScaleAbs(part, dst=pixels[rows], alpha=1.0 / FINE, beta=optics.black - NOISE_OFFSET)
+    return pixels
 
 
 def _fine(level: float) -> int:
@@ -136,7 +149,7 @@ class _Crossings(NamedTuple):
 
 
 class _Band(NamedTuple):
-    """Pixels along an outline: flat places on the canvas and how much of each the shape covers, (n, w)."""
+    """Pixels along an outline: flat places on the canvas and how much of each the shape covers."""
 
     places: NDArray[np.intp]
     cover: Singles
@@ -157,10 +170,7 @@ class _Brush:
 
     def paint(self, shape: Shape) -> None:
         """Fill the inside, then set the band along the outline; all bands see what was there before."""
-        loops = [
-            (self._optics.px_from_mm(points), self._optics.directions(points, directions))
-            for points, directions in shape.contours(self._scale)
-        ]
+        loops = [self._optics.traced(*contour) for contour in shape.contours(self._scale)]
         if not any(self._in_view(points) for points, _ in loops):
             return
         level = shape.level * self._exposure
@@ -173,10 +183,9 @@ class _Brush:
         self._blend(bands, level, self._fill([p for p, _ in loops], level, shape.texture * self._exposure))
 
     def _in_view(self, points: Points) -> bool:
-        flat = points.reshape(-1, 2)
-        low, high = flat.min(axis=0), flat.max(axis=0)
-        far = (self._optics.width + MARGIN_PX, self._optics.height + MARGIN_PX)
-        return bool(np.all(low < far) and np.all(high > -MARGIN_PX))
+        u, v = points[..., 0], points[..., 1]
+        seen_u = float(u.max()) > -MARGIN_PX and float(u.min()) < self._optics.width + MARGIN_PX
+        return seen_u and float(v.max()) > -MARGIN_PX and float(v.min()) < self._optics.height + MARGIN_PX
 
     def _fill(self, loops: list[Points], level: float, texture: float) -> Canvas | None:
         """Fill the inside; returns the textured surface (canvas shape) if there is one."""
@@ -213,17 +222,16 @@ class _Brush:
         rows, columns = self._canvas.shape
         size, stride = (columns, rows), (1, columns)
         cross = _crossings(spans, along, size[along] - 2 * MARGIN_PX)
-        width = self._width(cross, half_px)
         nearest = np.rint(cross.across)
         seen = (nearest > -WIDEST_PX) & (nearest < size[1 - along] - 2 * MARGIN_PX + WIDEST_PX)
-        cross, nearest = _Crossings(*(a[seen] for a in cross)), nearest[seen]
-        k = np.arange(-width, width + 1)
-        offset = (k + (nearest - cross.across)[:, None]).astype(np.float32)
-        left = self._left if along == 0 else -self._left
-        distance = _distance(offset, cross, left, self._sigma)
+        if not seen.all():
+            cross, nearest = _Crossings(*(a[seen] for a in cross)), nearest[seen]
+        width = self._width(cross, half_px)
+        k = np.arange(-width, width + 1)[:, None]
+        offset = k.astype(np.float32) + (nearest - cross.across).astype(np.float32)
+        distance = _distance(offset, cross, self._left if along == 0 else -self._left, self._sigma)
         start = (cross.at + MARGIN_PX) * stride[along] + (nearest + MARGIN_PX) * stride[1 - along]
-        places = start.astype(np.intp)[:, None] + k * stride[1 - along]
-        return _Band(places, self._covered(distance, half_px))
+        return _Band(start.astype(np.intp) + k * stride[1 - along], self._covered(distance, half_px))
 
     def _width(self, cross: _Crossings, half_px: float | None) -> int:
         """How many pixels the band reaches to either side; it is wider along a column where the edge is steep."""
@@ -234,8 +242,7 @@ class _Brush:
         return width
 
     def _covered(self, distance: Singles, half_px: float | None) -> Singles:
-        """Coverage of pixels at a signed distance (inside positive) from an edge, or from a stroke's centre line."""
-        distance *= np.float32(1024.0)
+        """Coverage of pixels at a signed distance (1/1024 px, inside positive) from an edge or a stroke's middle."""
         if half_px is None:
             distance += np.float32(8192.5)
             return self._table.take(distance.astype(np.int32), mode="clip")
@@ -245,28 +252,31 @@ class _Brush:
 
     def _corners(self, spans: _Spans) -> list[_Band]:
         """Squares about the sharp vertices: there two edges meet."""
-        turn = np.degrees(np.arctan2(_cross(spans.leave, spans.arrive), np.sum(spans.leave * spans.arrive, axis=1)))
         half = math.ceil(2.0 * REACH_SIGMA * self._sigma)
         limit = np.array([self._optics.width, self._optics.height]) + MARGIN_PX - half - 2
-        sharp = (np.abs(spans.end - spans.start).sum(axis=1) < 1e-6) & (np.abs(turn) > SMOOTH_DEG)
-        sharp &= np.all((spans.start > half + 2 - MARGIN_PX) & (spans.start < limit), axis=1)
+        vertex = np.flatnonzero(np.abs(spans.end - spans.start).max(axis=1) < 1e-6)
+        at, come, go = spans.start[vertex], spans.leave[vertex], spans.arrive[vertex]
+        turn = np.arctan2(_cross(come, go), np.sum(come * go, axis=1))
+        sharp = np.all((at > half + 2 - MARGIN_PX) & (at < limit), axis=1) & (np.abs(turn) > math.radians(SMOOTH_DEG))
         if half > MARGIN_PX - 4 or not sharp.any():
             return []
-        at = spans.start[sharp]
+        return [self._corner_band(at[sharp], come[sharp], go[sharp], turn[sharp], half)]
+
+    def _corner_band(self, at: Points, come: Points, go: Points, turn: Floats, half: int) -> _Band:
         k = np.arange(-half, half + 1)
         pixel = np.rint(at)[:, None, None, :] + np.stack(np.meshgrid(k, k), axis=-1)
-        come, go = (self._side(pixel, at, d[sharp]) for d in (spans.leave, spans.arrive))
-        alike = np.clip(np.cos(np.radians(turn[sharp])), 0.0, 1.0).astype(np.float32)[:, None, None]
-        convex = (turn[sharp] * self._left > 0.0)[:, None, None]
-        cover = np.where(convex, _both(come, go, alike), 1 - _both(1 - come, 1 - go, alike))
+        one, two = self._side(pixel, at, come), self._side(pixel, at, go)
+        alike = np.clip(np.cos(turn), 0.0, 1.0).astype(np.float32)[:, None, None]
+        convex = (turn * self._left > 0.0)[:, None, None]
+        cover = np.where(convex, _both(one, two, alike), 1 - _both(1 - one, 1 - two, alike))
         places = (pixel[..., 1] + MARGIN_PX) * self._canvas.shape[1] + pixel[..., 0] + MARGIN_PX
-        return [_Band(places.astype(np.intp), cover)]
+        return _Band(places.astype(np.intp), cover)
 
     def _side(self, pixel: Points, at: Points, direction: Points) -> Singles:
         """How much of each pixel lies on the left of the straight line through `at`."""
         unit = direction / np.linalg.norm(direction, axis=1, keepdims=True)
         away = pixel - at[:, None, None, :]
-        distance = self._left * (unit[:, None, None, 0] * away[..., 1] - unit[:, None, None, 1] * away[..., 0])
+        distance = 1024.0 * self._left * (unit[:, None, None, 0] * away[..., 1] - unit[:, None, None, 1] * away[..., 0])
         return self._covered(distance.astype(np.float32), None)
 
 
@@ -292,34 +302,40 @@ def _spans(loops: list[Contour], *, closed: bool) -> _Spans:
 
 
 def _crossings(spans: _Spans, along: int, limit: int) -> _Crossings:
-    """Where the spans cross whole columns (along 0) or rows (along 1) of the picture, steep spans left out."""
+    """Where the spans cross whole columns (along 0) or rows (along 1) of the picture, steep spans left out.
+
+    Between its ends a span is a parabola with the slopes of its ends.
+    """
     a0, a1 = spans.start[:, along], spans.end[:, along]
     first = np.clip(np.ceil(np.minimum(a0, a1)), 0, limit)
     count = np.clip(np.ceil(np.maximum(a0, a1)), 0, limit) - first
     rise = spans.end[:, 1 - along] - spans.start[:, 1 - along]
     used = np.flatnonzero((count > 0) & (np.abs(rise) <= STEEPEST * np.abs(a1 - a0)))
-    number = count[used].astype(np.intp)
-    run = np.repeat(np.arange(used.size), number)
-    at = first[used][run] + (np.arange(run.size) - np.repeat(np.cumsum(number) - number, number))
-    length = (a1 - a0)[used]
+    number, length = count[used].astype(np.intp), (a1 - a0)[used]
     slopes = [d[used, 1 - along] / d[used, along] for d in (spans.leave, spans.arrive)]
-    bend = ((slopes[1] - slopes[0]) / length)[run]
-    chord = (rise[used] / length)[run]
-    d0, d1 = at - a0[used][run], at - a1[used][run]
-    across = spans.start[used, 1 - along][run] + chord * d0 + 0.5 * bend * d0 * d1
-    return _Crossings(at, across, chord + 0.5 * bend * (d0 + d1), bend, np.sign(length)[run])
+    bend = (slopes[1] - slopes[0]) / length
+    slope = rise[used] / length - 0.5 * bend * length
+    skipped = first[used] - (np.cumsum(number) - number)
+    each = np.repeat(
+        np.stack([a0[used], spans.start[used, 1 - along], slope, bend, np.sign(length), skipped]), number, axis=1
+    )
+    at = np.arange(each.shape[1]) + each[5]
+    run = at - each[0]
+    return _Crossings(at, each[1] + (each[2] + 0.5 * each[3] * run) * run, each[2] + each[3] * run, each[3], each[4])
 
 
 def _distance(offset: Singles, cross: _Crossings, left: float, sigma: float) -> Singles:
-    """Distance (inside positive) from a curve of pixels `offset` away along a column or row; its foot to second order.
+    """Distance (1/1024 px, inside positive) from a curve of pixels `offset` px away along a column or row.
 
-    The blur shifts a curved edge towards its centre by half its curvature times sigma squared.
+    Its foot is found to second order. Blur shifts a curved edge to its centre by half its curvature times sigma^2.
     """
     cos = 1.0 / np.sqrt(1.0 + cross.slope**2)
-    distance = offset * (cos * cross.rising * left).astype(np.float32)[:, None]
-    hook = 0.5 * cross.bend * cos**3 * cross.rising * left  # half the curvature
-    if np.any(np.abs(hook) > 1e-5):
-        bow = hook * (cross.slope * cos) ** 2
-        distance -= offset * offset * bow.astype(np.float32)[:, None]
-        distance -= (hook * sigma * sigma).astype(np.float32)[:, None]
+    side = cross.rising * (left * 1024.0)
+    hook = 0.5 * cross.bend * cos**3 * side  # half the curvature
+    if not np.any(np.abs(hook) > 1e-2):
+        return np.asarray(offset * (cos * side).astype(np.float32))
+    distance = offset * (hook * (cross.slope * cos) ** 2).astype(np.float32)
+    np.subtract((cos * side).astype(np.float32), distance, out=distance)
+    distance *= offset
+    distance -= (hook * sigma * sigma).astype(np.float32)
     return distance

@@ -15,7 +15,7 @@ from simulators.place import Place
 
 Floats: TypeAlias = NDArray[np.float64]
 Contour: TypeAlias = tuple[Points, Points]  # samples and directions, (..., k, 2), the inside on the left
-SMOOTH_DEG = 8.0  # a vertex that turns less than this is no corner
+STRAIGHT_PX = 128.0  # between samples of a straight line, which distortion may bend
 
 
 def _samples(radius_px: float) -> int:
@@ -31,57 +31,44 @@ def _circle(centres: Points, radii: Floats, px_per_mm: float) -> Contour:
     return points, np.broadcast_to(np.stack([-out[:, 1], out[:, 0]], axis=-1), points.shape)
 
 
-def _turned(place: Place, points: Points) -> Points:
-    """Points (n, 2) of a frame that stands at `place`, seen from its parent."""
-    t = math.radians(place.t_deg)
-    rotation = np.array([[math.cos(t), -math.sin(t)], [math.sin(t), math.cos(t)]])
-    return np.asarray(np.asarray(points, float) @ rotation.T + (place.x_mm, place.y_mm))
-
-
 @dataclass(frozen=True, eq=False)
 class Polygon:
-    """A filled polygon (n, 2) in mm, either way round; `radius_mm` rounds every vertex that turns noticeably."""
+    """A filled polygon (n, 2) in mm, either way round; `radius_mm` rounds its vertices."""
 
     points: Points
     level: float
     radius_mm: float = 0.0
     texture: float = 0.0  # grey levels, one sigma
 
-    def moved(self, place: Place) -> Polygon:
-        """The same polygon on a frame at `place`."""
-        return replace(self, points=_turned(place, self.points))
-
-    def contours(self, px_per_mm: float) -> list[Contour]:
-        """Its outline; a sharp vertex is sampled twice, with the direction in and the direction out."""
+    @cached_property
+    def contour(self) -> Contour:
+        """Its outline; every vertex is an arc, a sharp one of no length: direction in, direction out."""
         p = np.asarray(self.points, float)
         x, y = p[:, 0], p[:, 1]
-        p = p if np.dot(x, np.roll(y, -1)) > np.dot(y, np.roll(x, -1)) else p[::-1]
-        step = np.roll(p, -1, axis=0) - p
-        unit = step / np.linalg.norm(step, axis=1, keepdims=True)
-        ends = [self._vertex(p[i], unit[i - 1], unit[i], px_per_mm) for i in range(len(p))]
-        pairs = [_joined(ends[i], ends[(i + 1) % len(p)], px_per_mm) for i in range(len(p))]
-        return [(np.concatenate([q for q, _ in pairs]), np.concatenate([d for _, d in pairs]))]
+        p = p if x @ np.roll(y, -1) > y @ np.roll(x, -1) else p[::-1]
+        go = np.roll(p, -1, axis=0) - p
+        go /= np.hypot(go[:, 0], go[:, 1])[:, None]
+        come = np.roll(go, 1, axis=0)
+        turn = np.arctan2(come[:, 0] * go[:, 1] - come[:, 1] * go[:, 0], np.einsum("ij,ij->i", come, go))
+        arcs, along = self._arcs(p, come, turn, px_per_mm)
+        step = np.roll(arcs[:, 0], -1, axis=0) - arcs[:, -1]
+        n = max(1, math.ceil(float(np.abs(step).max()) * px_per_mm / STRAIGHT_PX))
+        ways = arcs[:, -1:] + step[:, None] * (np.arange(1, n) / n)[:, None]
+        points = np.concatenate([arcs, ways], axis=1)
+        directions = np.concatenate([along, np.broadcast_to(go[:, None], ways.shape)], axis=1)
+        return [(points.reshape(-1, 2), directions.reshape(-1, 2))]
 
-    def _vertex(self, at: Points, come: Points, go: Points, px_per_mm: float) -> Contour:
-        """A vertex: its arc, or the bare point twice."""
-        turn = math.atan2(come[0] * go[1] - come[1] * go[0], come @ go)
-        if self.radius_mm <= 0.0 or abs(turn) < math.radians(SMOOTH_DEG):
-            return np.stack([at, at]), np.stack([come, go])
-        cut = self.radius_mm * math.tan(abs(turn) / 2.0)
-        left = math.copysign(self.radius_mm, turn) * np.array([-come[1], come[0]])
-        n = 2 + math.ceil(_samples(self.radius_mm * px_per_mm) * abs(turn) / (2.0 * math.pi))
-        t = np.linspace(0.0, turn, n)[:, None]
-        along = np.cos(t) * come + np.sin(t) * np.array([-come[1], come[0]])
-        out = np.cos(t) * left + np.sin(t) * np.array([-left[1], left[0]])
-        return at - cut * come + left - out, along
-
-
-def _joined(here: Contour, there: Contour, px_per_mm: float) -> Contour:
-    """A vertex's samples and those of the straight way to the next vertex (its first sample left out)."""
-    start, end = here[0][-1], there[0][0]
-    n = max(1, math.ceil(float(np.linalg.norm(end - start)) * px_per_mm / 128.0))
-    way = start + (end - start) * (np.arange(1, n) / n)[:, None]
-    return np.concatenate([here[0], way]), np.concatenate([here[1], np.repeat(here[1][-1:], n - 1, axis=0)])
+    def _arcs(self, vertices: Points, come: Points, turn: Floats, px_per_mm: float) -> Contour:
+        """The vertices as arcs: samples and directions (n, k, 2)."""
+        part = float(np.abs(turn).max()) / (2.0 * math.pi)
+        n = 2 + (math.ceil(_samples(self.radius_mm * px_per_mm) * part) if self.radius_mm > 0.0 else 0)
+        angle = np.linspace(0.0, 1.0, n) * turn[:, None]
+        c, s = np.cos(angle)[..., None], np.sin(angle)[..., None]
+        side = np.stack([-come[:, 1], come[:, 0]], axis=1)
+        bow = np.copysign(self.radius_mm, turn)[:, None, None]
+        start = vertices - self.radius_mm * np.tan(np.abs(turn) / 2.0)[:, None] * come
+        points = start[:, None] + bow * (s * come[:, None] + (1.0 - c) * side[:, None])
+        return points, c * come[:, None] + s * side[:, None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,11 +80,8 @@ class Disks:
     level: float
     texture: float = 0.0
 
-    def moved(self, place: Place) -> Disks:
-        """The same disks on a frame at `place`."""
-        return replace(self, centres=_turned(place, self.centres))
-
-    def contours(self, px_per_mm: float) -> list[Contour]:
+    @cached_property
+    def contour(self) -> Contour:
         """Their outlines."""
         return [_circle(np.asarray(self.centres, float), np.asarray(self.radii_mm, float), px_per_mm)]
 
@@ -117,11 +101,8 @@ class Ring:
     level: float
     texture: float = 0.0
 
-    def moved(self, place: Place) -> Ring:
-        """The same ring on a frame at `place`."""
-        return replace(self, centre=place.point(*self.centre))
-
-    def contours(self, px_per_mm: float) -> list[Contour]:
+    @cached_property
+    def contour(self) -> Contour:
         """Its outlines, the inner one clockwise."""
         centre = np.array([self.centre], float)
         points, directions = _circle(centre, np.array([self.inner_mm]), px_per_mm)
@@ -136,15 +117,12 @@ class Stroke:
     width_mm: float
     level: float
 
-    def moved(self, place: Place) -> Stroke:
-        """The same stroke on a frame at `place`."""
-        return replace(self, points=_turned(place, self.points))
-
-    def contours(self, px_per_mm: float) -> list[Contour]:
+    @cached_property
+    def contour(self) -> Contour:
         """Its centre line, open, every vertex sampled twice."""
         p = np.asarray(self.points, float)
         step = np.diff(p, axis=0)
-        n = [max(1, math.ceil(s * px_per_mm / 128.0)) for s in np.linalg.norm(step, axis=1)]
+        n = [max(1, math.ceil(s * px_per_mm / STRAIGHT_PX)) for s in np.linalg.norm(step, axis=1)]
         ways = [p[i] + step[i] * np.linspace(0.0, 1.0, n[i] + 1)[:, None] for i in range(len(n))]
         return [(np.concatenate(ways), np.repeat(step, [k + 1 for k in n], axis=0))]
 

@@ -19,9 +19,7 @@ class BoardNotFound(CalibrationError):
     `seen` of `wanted` dots were found; `sides` names the sides of the picture over which the board leaves it.
     """
 
-    def __init__(
-        self, check: str, detail: str, *, seen: int = 0, wanted: int = 0, sides: tuple[str, ...] = ()
-    ) -> None:
+    def __init__(self, check: str, detail: str, *, seen: int = 0, wanted: int = 0, sides: tuple[str, ...] = ()) -> None:
         super().__init__(check, detail)
         self.seen = seen
         self.wanted = wanted

@@ -55,9 +55,7 @@ class PlaneMap:
                 f"plane map: the two scales {smaller:.4g} and {larger:.4g} px/mm differ too much for one camera"
             )
         if abs(self.k1_per_px2) > MOST_K1_PER_PX2:
-            raise ValueError(
-                f"plane map: k1 must be within +-{MOST_K1_PER_PX2:g} per px^2 (got {self.k1_per_px2:g})"
-            )
+            raise ValueError(f"plane map: k1 must be within +-{MOST_K1_PER_PX2:g} per px^2 (got {self.k1_per_px2:g})")
 
     @classmethod
     def from_arrays(cls, matrix: ArrayLike, offset: ArrayLike, k1: float, centre: ArrayLike) -> PlaneMap:

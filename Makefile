@@ -1,0 +1,54 @@
+# Everything sets itself up: a virtual environment from the locked requirements, and the Debian packages named here.
+PYTHON ?= python3
+VENV := .venv
+STAMP := $(VENV)/.installed
+PACKAGES := libaravis-0.8-0
+
+.PHONY: help demo test test-all check lint format lock clean bench-vision
+
+help:
+	@echo "make demo          the whole cell on simulators, live in this terminal (options: DEMO='--speed 1 --units 20')"
+	@echo "make test          lint, types, import rules, tests"
+	@echo "make bench-vision  noise, bias and time of the finders"
+	@echo "make format        format the code"
+	@echo "make lock          renew requirements.lock from pyproject.toml"
+	@echo "make clean         remove the virtual environment and everything built"
+
+demo: $(STAMP) packages
+	$(VENV)/bin/cellctl demo --out build/demo $(DEMO)
+
+test: $(STAMP) packages lint
+	CELLCTL_STRICT=1 $(VENV)/bin/pytest -q $(TEST)
+
+lint: $(STAMP)
+	$(VENV)/bin/ruff check .
+	$(VENV)/bin/ruff format --check .
+	$(VENV)/bin/mypy
+	$(VENV)/bin/lint-imports --no-cache
+
+bench-vision: $(STAMP)
+	$(VENV)/bin/python -m tests.benchmarks.bench_vision
+
+format: $(STAMP)
+	$(VENV)/bin/ruff check --fix-only .
+	$(VENV)/bin/ruff format .
+
+$(STAMP): requirements.lock pyproject.toml
+	@$(PYTHON) -c 'import sys, venv, ensurepip; sys.exit(sys.version_info < (3, 11))' || \
+		{ echo "cellctl needs Python 3.11 or newer with venv: apt-get install python3 python3-venv"; exit 1; }
+	$(PYTHON) -m venv --clear $(VENV)
+	$(VENV)/bin/pip install --quiet --disable-pip-version-check --require-hashes -r requirements.lock
+	$(VENV)/bin/pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation --editable .
+	@touch $@
+
+.PHONY: packages
+packages:
+	@sh deploy/packages.sh $(PACKAGES)
+
+lock: $(STAMP)
+	$(VENV)/bin/pip install --quiet --disable-pip-version-check uv
+	$(VENV)/bin/uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-annotate --no-header \
+		--extra test pyproject.toml -o requirements.lock
+
+clean:
+	rm -rf $(VENV) build *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis .benchmarks

@@ -1,0 +1,337 @@
+"""The command line: a thin table of commands. Each one imports what it needs when it is called.
+
+Nothing but click and the standard library is imported at the top, so that `--help` costs no time.
+"""
+
+import os
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import click
+
+if TYPE_CHECKING:
+    from cellctl.config import CellConfig
+
+DEFAULT_CONFIG = "/etc/cellctl/cell.toml"
+FILE = click.Path(path_type=Path)
+EPILOG = """\b
+Exit codes: 0 ok, 1 refused or failed, 2 wrong usage, 69 the daemon is not reachable, 78 a settings file is wrong,
+130 interrupted."""
+
+F = TypeVar("F", bound=Callable[..., Any])
+option = click.option
+
+
+def with_config(command: F) -> F:
+    """The option that every command has which needs the cell's configuration."""
+    text = "The cell's configuration."
+    return option("--config", type=FILE, envvar="CELLCTL_CONFIG", default=DEFAULT_CONFIG, show_default=True, help=text)(
+        command
+    )
+
+
+def with_json(command: F) -> F:
+    """The option for programs that read our output."""
+    return option("--json", "as_json", is_flag=True, help="JSON for programs instead of text for people.")(command)
+
+
+def settings(config: Path) -> "CellConfig":
+    """The cell's configuration. Raises SettingsError."""
+    from cellctl.config import load_config
+
+    return load_config(config)
+
+
+def end(ok: bool | int) -> None:
+    """End with exit code 0 or 1, or with the code that is given."""
+    raise SystemExit(int(not ok) if isinstance(ok, bool) else ok)
+
+
+def print_version(context: click.Context, _parameter: click.Parameter, wanted: bool) -> None:
+    """Print the version and end."""
+    from importlib.metadata import PackageNotFoundError, version
+
+    if not wanted:
+        return
+    try:
+        click.echo(f"cellctl {version('cellctl')}")
+    except PackageNotFoundError:
+        click.echo("cellctl (from its source tree, not installed)")
+    context.exit()
+
+
+@click.group(epilog=EPILOG, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})
+@option("--version", is_flag=True, expose_value=False, is_eager=True, callback=print_version, help="Show the version.")
+def cli() -> None:
+    """Run and operate an assembly cell."""
+
+
+# -- the daemon --------------------------------------------------------------------------------------------
+
+
+@cli.command()
+@with_config
+@option("--state", type=FILE, help="Folder of journal and calibration instead of the configured one.")
+def run(config: Path, state: Path | None) -> None:
+    """Run the cell, until SIGTERM or SIGINT. This is what the service starts."""
+    from cellctl.commands import run_loop
+    from cellctl.daemon import run as run_daemon
+
+    end(run_loop(run_daemon(config, state)))
+
+
+@cli.command()
+@with_config
+@with_json
+def check(config: Path, as_json: bool) -> None:
+    """Test settings, folders and devices before production; nothing moves."""
+    from cellctl.check import check as check_cell
+    from cellctl.commands import run_loop
+
+    end(run_loop(check_cell(config, as_json=as_json)))
+
+
+@cli.command()
+@option("--speed", type=click.FloatRange(1, 100), default=1.0, show_default=True, help="World seconds per second.")
+@option("--units", type=click.IntRange(1), default=10, show_default=True, help="How many units to assemble.")
+@option("--seed", type=int, default=1, show_default=True, help="Seed of the simulated world.")
+@option("--out", type=FILE, default=Path("demo-out"), show_default=True, help="Folder for records and pictures.")
+def demo(speed: float, units: int, seed: int, out: Path) -> None:
+    """Assemble units in a simulated cell, live, with the real controller and the real protocols."""
+    from cellctl.demo import main as demo_main
+
+    end(demo_main(speed=speed, units=units, seed=seed, out=out))
+
+
+@cli.command(add_help_option=False, context_settings={"ignore_unknown_options": True})
+@click.argument("arguments", nargs=-1, type=click.UNPROCESSED)
+def simulate(arguments: tuple[str, ...]) -> None:
+    """Run a simulated cell on real ports, for any client (see `cellctl simulate --help`)."""
+    sys.stdout.flush()
+    os.execv(sys.executable, [sys.executable, "-m", "simulators", *arguments])
+
+
+# -- operating ---------------------------------------------------------------------------------------------
+
+
+def ask(config: Path, request: dict[str, object], *, as_json: bool) -> None:
+    """Ask the daemon one thing and print its reply."""
+    import asyncio
+
+    from cellctl.client import call, print_reply
+
+    print_reply(asyncio.run(call(settings(config).paths.control_socket, request)), as_json=as_json)
+
+
+def machine_command(name: str, text: str) -> None:
+    """Add one PackML command to the command line."""
+
+    @cli.command(name, help=text)
+    @with_config
+    @with_json
+    def command(config: Path, as_json: bool) -> None:
+        ask(config, {"verb": "command", "name": name}, as_json=as_json)
+
+
+@cli.command()
+@with_config
+@with_json
+def status(config: Path, as_json: bool) -> None:
+    """How is the cell."""
+    ask(config, {"verb": "status"}, as_json=as_json)
+
+
+@cli.command()
+@with_config
+@with_json
+@option("--units", type=click.IntRange(0, 1_000_000), help="Make so many units, then end; 0 = until stopped.")
+@option("--wait", is_flag=True, help="Show what happens until the run is over.")
+def start(config: Path, as_json: bool, units: int | None, wait: bool) -> None:
+    """Start production."""
+    import asyncio
+
+    from cellctl.client import event_printer, run_requests, wait_for_run
+
+    requests: list[dict[str, object]] = [{"verb": "units_left", "count": units}] if units is not None else []
+    requests.append({"verb": "command", "name": "start"})
+    path = settings(config).paths.control_socket
+    if wait:
+        end(asyncio.run(wait_for_run(path, requests, event_printer(as_json))))
+    run_requests(path, requests, as_json=as_json)
+
+
+machine_command("stop", "End the unit in progress, then stop.")
+machine_command("hold", "End the unit in progress, then wait for a person.")
+machine_command("unhold", "Go on after a hold.")
+machine_command("suspend", "End the unit in progress, then wait for parts.")
+machine_command("unsuspend", "Go on after a suspend.")
+machine_command("complete", "End the production run after the unit in progress.")
+machine_command("abort", "Stop everything at once.")
+machine_command("clear", "After an abort: the cell was looked into and is safe.")
+machine_command("reset", "After stop, clear or the end of a run: get ready to start.")
+
+
+@cli.command()
+@click.argument("name", type=click.Choice(["production", "maintenance", "manual"]))
+@with_config
+@with_json
+def mode(name: str, config: Path, as_json: bool) -> None:
+    """Change what the cell may be used for; only at rest."""
+    ask(config, {"verb": "mode", "name": name}, as_json=as_json)
+
+
+@cli.command()
+@with_config
+@with_json
+def proceed(config: Path, as_json: bool) -> None:
+    """Tell the running job that what it asked for is done."""
+    ask(config, {"verb": "proceed"}, as_json=as_json)
+
+
+def job(config: Path, request: dict[str, object], *, as_json: bool) -> None:
+    """Start a job in the daemon, show its progress, end with its result."""
+    import asyncio
+
+    from cellctl.client import event_printer, wait_for_job
+
+    path = settings(config).paths.control_socket
+    end(asyncio.run(wait_for_job(path, request, event_printer(as_json))))
+
+
+# -- recipes and calibration -------------------------------------------------------------------------------
+
+
+@cli.group()
+def recipe() -> None:
+    """Check, list, choose and teach recipes."""
+
+
+@recipe.command("check")
+@click.argument("files", nargs=-1, required=True, type=FILE)
+@with_json
+def recipe_check(files: tuple[Path, ...], as_json: bool) -> None:
+    """Check recipe files: FILE:LINE:COLUMN: what is wrong."""
+    from cellctl.commands import check_recipes
+
+    end(check_recipes(files, as_json=as_json))
+
+
+@recipe.command("list")
+@with_config
+@with_json
+def recipe_list(config: Path, as_json: bool) -> None:
+    """List the recipes of the cell."""
+    from cellctl.commands import list_folder
+
+    list_folder(settings(config).paths.recipes, as_json=as_json)
+
+
+@recipe.command("use")
+@click.argument("name")
+@with_config
+@with_json
+def recipe_use(name: str, config: Path, as_json: bool) -> None:
+    """Work with the recipe NAME from the next start on."""
+    ask(config, {"verb": "recipe_use", "name": name}, as_json=as_json)
+
+
+@recipe.command("teach")
+@option("--repeats", type=click.IntRange(1, 100), default=5, show_default=True, help="How often it is measured.")
+@with_config
+@with_json
+def recipe_teach(repeats: int, config: Path, as_json: bool) -> None:
+    """Teach the recipe in use with a golden assembly: a base with a battery seated by hand."""
+    job(config, {"verb": "teach", "repeats": repeats}, as_json=as_json)
+
+
+@cli.group()
+def calibrate() -> None:
+    """Find out where the cameras and the tool are, and how well that is known."""
+
+
+def calibration(what: str, text: str) -> None:
+    """Add one calibration to the command line."""
+
+    @calibrate.command(what, help=text)
+    @with_config
+    @with_json
+    def command(config: Path, as_json: bool) -> None:
+        job(config, {"verb": "calibrate", "what": what}, as_json=as_json)
+
+
+calibration("camera-1", "Calibrate the camera on the robot on its dot board.")
+calibration("camera-2", "Calibrate the fixed camera with the dot plate.")
+calibration("tool", "Find the centre of the tool.")
+
+
+@calibrate.command("report")
+@with_config
+@with_json
+def calibrate_report(config: Path, as_json: bool) -> None:
+    """Show the calibrations in use and how good they are."""
+    from cellctl.check import report
+
+    end(report(config, as_json=as_json))
+
+
+# -- looking back ------------------------------------------------------------------------------------------
+
+
+@cli.command()
+@with_config
+@option("--file", type=FILE, help="This log file instead of the cell's.")
+@option("-f", "--follow", is_flag=True, help="Go on with what comes, until interrupted.")
+@option("--lines", type=click.IntRange(0), default=40, show_default=True, help="How many lines to begin with.")
+@option("--unit", help="Only this unit.")
+@with_json
+def log(config: Path, file: Path | None, follow: bool, lines: int, unit: str | None, as_json: bool) -> None:
+    """Show the operator's log."""
+    from cellctl.lines import FILE_NAME
+    from cellctl.tail import Choice, tail
+
+    path = file or settings(config).paths.log / FILE_NAME
+    for line in tail(path, Choice(unit=unit, as_json=as_json), lines=lines, follow=follow):
+        click.echo(line)
+
+
+@cli.command()
+@with_config
+@option("--file", type=FILE, help="This journal instead of the cell's.")
+@option("--last", type=click.IntRange(1), default=20, show_default=True, help="How many units.")
+@option("--unit", help="Only this unit.")
+@option("--verdict", type=click.Choice(["placed", "rejected", "removed", "lost", "open"]), help="Only these.")
+@option("--fault", help="Only units with this fault code.")
+@option("--csv", "as_csv", is_flag=True, help="CSV with a header.")
+@with_json
+def units(config: Path, file: Path | None, last: int, as_csv: bool, as_json: bool, **filters: str | None) -> None:
+    """Show or export the records of the last units."""
+    from cellctl import records
+    from cellctl.journal_file import FILE_NAME
+
+    path = file or settings(config).paths.state / FILE_NAME
+    rows = records.units(path, last=last, **{key: value for key, value in filters.items() if value is not None})
+    write = records.write_csv if as_csv else records.write_json if as_json else records.write_table
+    write(rows, sys.stdout)
+
+
+@cli.command()
+@with_json
+def faults(as_json: bool) -> None:
+    """Print the table of faults: code, what the cell does, what to do."""
+    from cellctl.commands import print_faults
+
+    print_faults(as_json=as_json)
+
+
+def main() -> None:
+    """The program `cellctl`. What a person can mend is said in one sentence on standard error."""
+    from cellctl.command_errors import Sentences
+
+    with Sentences():
+        cli(standalone_mode=False)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,93 @@
+"""Do the pictures and the robot's poses fit one camera? If not: whose fault is it?"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import NoReturn
+
+import numpy as np
+
+from cellctl.calibration.errors import PosesDisagree
+from cellctl.calibration.problem import Fit, Problem, fit_problem, pose_fits, poses_out, prediction_error_mm
+from cellctl.calibration.scara import Kind
+
+MOST_OUTLIERS = 0.25  # more poses out than this part: not outliers, something common is wrong
+MOST_SCALE_ERROR = 0.02  # board pitch against robot travel
+SUSPECTS = 4  # poses tried as the outlier: the worst one may be a good pose that a bad one has pulled away
+
+
+def check_agreement(fit: Fit) -> None:
+    """Raise PosesDisagree unless all poses fit, naming the most likely cause."""
+    if _agrees(fit):
+        return
+    _blame_convention(fit.problem)
+    _blame_outliers(fit)
+    _blame_everything(fit)
+
+
+def _agrees(fit: Fit) -> bool:
+    return abs(fit.linear.scale - 1) <= MOST_SCALE_ERROR and not poses_out(fit)
+
+
+def _blame_convention(problem: Problem) -> None:
+    """Raise when one of the usual mistakes, undone, makes all poses fit."""
+    for sentence, other in _other_conventions(problem):
+        if _agrees(fit_problem(other)):
+            raise PosesDisagree("convention", f"{sentence}: with that changed all {len(problem.poses)} pictures agree")
+
+
+def _other_conventions(problem: Problem) -> Iterator[tuple[str, Problem]]:
+    x, y, r = problem.poses.T
+    other: Kind = "eye_to_hand" if problem.kind == "eye_in_hand" else "eye_in_hand"
+    yield "the sign of the robot's R is wrong", problem._replace(poses=np.column_stack([x, y, -r]))
+    yield "the sign of the robot's X or Y is wrong", problem._replace(poses=np.column_stack([x, -y, r]))
+    yield "the board is read mirrored", problem._replace(poses=np.column_stack([x, -y, -r]))
+    yield f"the camera is described as {problem.kind} but is {other}", problem._replace(kind=other)
+
+
+def _blame_outliers(fit: Fit) -> None:
+    """Raise when the rest agrees once a few poses are taken away."""
+    keep = list(range(len(fit.problem.poses)))
+    taken: list[int] = []
+    for _ in range(int(MOST_OUTLIERS * len(keep))):
+        suspects = poses_out(fit)[:SUSPECTS]
+        without = {i: fit_problem(fit.problem.only([j for j in range(len(keep)) if j != i])) for i in suspects}
+        if not without:
+            return
+        worst = min(without, key=lambda i: without[i].cost)
+        fit_all, fit = fit, without[worst]
+        away_um = float(np.hypot(*prediction_error_mm(fit, fit_all.problem.only([worst]))[0])) * 1000
+        taken.append(keep.pop(worst))
+        if _agrees(fit):
+            _blame_poses(taken, away_um, len(keep))
+
+
+def _blame_poses(taken: list[int], away_um: float, rest: int) -> NoReturn:
+    taken = sorted(taken)
+    names = ", ".join(str(i + 1) for i in taken)
+    far = f"the board is {away_um:.0f} um away from" if len(taken) == 1 else "the board is not"
+    raise PosesDisagree(
+        "outlier",
+        f"at pose{'s' * (len(taken) > 1)} {names} {far} where the other {rest} poses expect it: take the picture "
+        "again; if it stays, look for play, a collision, or dirt on the board",
+        poses=tuple(taken),
+    )
+
+
+def _blame_everything(fit: Fit) -> NoReturn:
+    if abs(fit.linear.scale - 1) > MOST_SCALE_ERROR:
+        raise PosesDisagree(
+            "board scale",
+            f"the board's drawn size is {fit.linear.scale:.3f} times what the robot's travel says: check that the "
+            "right board is described, and the robot's units",
+        )
+    bad = poses_out(fit)
+    worst = pose_fits(fit)[bad[0]]
+    raise PosesDisagree(
+        "residual",
+        f"{len(bad)} of {len(fit.problem.poses)} poses do not fit one camera; the worst is pose {bad[0] + 1} (dots "
+        f"{worst.rms_px:.2f} px rms, robot {math.hypot(worst.dx_um, worst.dy_um):.0f} um and {worst.dt_mdeg:.0f} mdeg "
+        "off): check that board and camera are fixed firmly and that the robot repeats as stated",
+        poses=tuple(bad),
+    )

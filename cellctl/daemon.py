@@ -1,0 +1,151 @@
+"""One process: builds the devices, runs the cell, answers on the control socket, and tells systemd how it goes.
+
+Order of a start: settings, journal, devices checked, READY. Order of an end (SIGTERM): the unit in progress is
+finished, the arm stands, the journal is closed clean. A critical task that dies ends the process; systemd restarts it.
+"""
+
+import asyncio
+import signal
+from collections.abc import Callable
+from pathlib import Path
+
+import cv2
+
+from cellctl import service
+from cellctl.cell import Cell
+from cellctl.config import CameraConfig, CellConfig, load_config
+from cellctl.control import ControlServer
+from cellctl.hand import Devices
+from cellctl.journal import Journal
+from cellctl.journal_file import FILE_NAME as JOURNAL_NAME
+from cellctl.log import FILE_NAME as LOG_NAME
+from cellctl.log import configure, log
+from cellctl.pictures import Pictures
+from cellctl.session import Session
+from drivers.gige import GigeCamera
+from drivers.plc import Plc
+from drivers.rcx import LEFTY, RIGHTY
+from drivers.reach import Limits
+from drivers.robot import Robot
+
+
+def build_devices(config: CellConfig) -> Devices:
+    """The drivers of this cell; nothing is connected yet."""
+    plc, robot = config.plc, config.robot
+    return Devices(
+        plc=Plc(
+            plc.host,
+            plc.port,
+            unit_id=plc.unit_id,
+            scan_period_s=plc.scan_period_ms / 1000,
+            exchange=plc.exchange,
+        ),
+        robot=Robot(
+            robot.address,
+            limits=Limits(
+                arm_1_mm=robot.arm_1_mm,
+                arm_2_mm=robot.arm_2_mm,
+                inner_reach_mm=robot.reach_inner_mm,
+                outer_reach_mm=robot.reach_outer_mm,
+                z_min_mm=robot.z_min_mm,
+                z_max_mm=robot.z_max_mm,
+                r_min_deg=robot.r_min_deg,
+                r_max_deg=robot.r_max_deg,
+            ),
+            hand=RIGHTY if robot.hand == "righty" else LEFTY,
+        ),
+        camera_1=_camera("camera 1", config.camera_1),
+        camera_2=_camera("camera 2", config.camera_2),
+    )
+
+
+async def run(config_path: Path, state: Path | None = None) -> int:
+    """Run until SIGTERM or SIGINT; returns the exit code. Raises SettingsError, ControlError, RecordLost."""
+    config = load_config(config_path)
+    if state is not None:
+        config = with_state(config, state)
+    records = configure(config.paths.log / LOG_NAME, config.log.level, rotate_mb=config.log.rotate_mb, keep=config.log.keep)
+    cv2.setNumThreads(1)  # one picture, one core: least jitter
+    try:
+        config.paths.state.mkdir(parents=True, exist_ok=True)
+        journal = await Journal.open(config.paths.state / JOURNAL_NAME)
+        try:
+            return await _serve(config, journal)
+        finally:
+            await journal.close()
+    finally:
+        records.close()
+
+
+def with_state(config: CellConfig, state: Path) -> CellConfig:
+    """The same cell, its state, log and socket in another folder."""
+    folder = state.resolve()
+    paths = config.paths.model_copy(
+        update={"state": folder, "log": folder / "log", "control_socket": folder / "control.sock"}
+    )
+    return config.model_copy(update={"paths": paths})
+
+
+async def _serve(config: CellConfig, journal: Journal) -> int:
+    devices = build_devices(config)
+    pictures = Pictures(config.paths.state / "pictures")
+    control = ControlServer(config.paths.control_socket, lambda request: session.handle(request))
+    cell = Cell(config, devices, control.publish)
+    session = Session(config, cell, devices, journal, pictures, control.publish)
+    config.paths.control_socket.parent.mkdir(parents=True, exist_ok=True)
+    control.open()
+    stop = asyncio.Event()
+    for number in (signal.SIGTERM, signal.SIGINT):
+        asyncio.get_running_loop().add_signal_handler(number, stop.set)
+    progress = service.Progress()
+    try:
+        async with asyncio.TaskGroup() as group:
+            tasks = [group.create_task(devices.plc.run(), name="plc")]
+            await _start(cell, journal)
+            tasks += [
+                group.create_task(cell.run(), name="cell"),
+                group.create_task(control.run(), name="control"),
+                group.create_task(_mark(progress, "plc scan", lambda: devices.plc.scans)),
+                group.create_task(_mark(progress, "cell", lambda: cell.turns)),
+                group.create_task(service.feed_watchdog(progress, config.watchdog.progress_within_s)),
+            ]
+            service.ready(cell.message)
+            log.info("ready", why=cell.message)
+            await stop.wait()
+            service.stopping("ending the unit in progress")
+            await cell.shut_down()
+            for task in tasks:
+                task.cancel()
+    finally:
+        control.close()
+        pictures.close()
+        await _close(devices)
+    log.info("stopped; the arm stands")
+    return 0
+
+
+def _camera(name: str, camera: CameraConfig) -> GigeCamera:
+    return GigeCamera(name, camera.address, camera.serial, width=camera.view_width_px, height=camera.view_height_px)
+
+
+async def _start(cell: Cell, journal: Journal) -> None:
+    """Check the devices; units that were interrupted get their record before anything else happens."""
+    for unit in await journal.close_interrupted("the last run was interrupted"):
+        log.warning(f"unit {unit.unit} was interrupted at {unit.last_words}: look for its parts in the cell")
+    await cell.start_up(clean=journal.clean)
+
+
+async def _mark(progress: service.Progress, name: str, count: Callable[[], int]) -> None:
+    """A critical task has moved on whenever its count has."""
+    progress.register(name)
+    last = count()
+    while True:
+        await asyncio.sleep(0.1)
+        if count() != last:
+            last = count()
+            progress.mark(name)
+
+
+async def _close(devices: Devices) -> None:
+    for device in (devices.camera_1, devices.camera_2, devices.robot):
+        await device.close()

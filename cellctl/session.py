@@ -1,0 +1,207 @@
+"""What people ask of the daemon, and the work that follows from it.
+
+Chosen recipe and run length are kept here. Recipe, calibrations and taught reference are read anew for every piece
+of work, so an edited file counts from the next start on and never in the middle of a unit.
+"""
+
+import asyncio
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from functools import partial
+
+from cellctl.calibrate import Calibration
+from cellctl.cell import Cell, Work
+from cellctl.config import CellConfig
+from cellctl.control import Declined, Event, progress_event
+from cellctl.control_requests import (
+    CalibrateRequest,
+    CommandRequest,
+    ModeRequest,
+    ProceedRequest,
+    RecipeUseRequest,
+    Request,
+    StatusRequest,
+    TeachRequest,
+    UnitsLeftRequest,
+)
+from cellctl.cycle import Job
+from cellctl.faults import NotReady
+from cellctl.hand import Devices, Hand
+from cellctl.journal import Journal
+from cellctl.log import log
+from cellctl.machine import Command, Mode, State
+from cellctl.pictures import Pictures
+from cellctl.production import Production
+from cellctl.recipe import Recipe, list_recipes, load_recipe
+from cellctl.references import CameraCalibration, read_calibration, read_taught
+from cellctl.sight import Sight
+from cellctl.strict_toml import SettingsError
+from cellctl.teach import Teaching
+
+PERSON_WITHIN_S = 3600.0
+CHOSEN = "recipe-in-use"
+
+
+@dataclass
+class Person:
+    """Somebody at the cell who is asked to do something, and says `proceed`."""
+
+    asked: str | None = None
+    _done: asyncio.Event = field(default_factory=asyncio.Event)
+
+    async def ask(self, job: str, publish: Callable[[Event], None], text: str) -> None:
+        """Return when a person has done it. Raises NotReady when nobody does within the hour."""
+        self.asked = text
+        self._done.clear()
+        log.info(f"please {text}, then: cellctl proceed")
+        publish(progress_event(job, text, asks=True))
+        try:
+            async with asyncio.timeout(PERSON_WITHIN_S):
+                await self._done.wait()
+        except TimeoutError:
+            raise NotReady(f"nobody did what was asked for: {text}") from None
+        finally:
+            self.asked = None
+
+    def proceed(self) -> None:
+        """Raises Declined when nothing was asked."""
+        if self.asked is None:
+            raise Declined("nothing was asked for; there is nothing to proceed with")
+        self._done.set()
+
+
+class Session:
+    """Answers requests and makes work."""
+
+    def __init__(
+        self,
+        config: CellConfig,
+        cell: Cell,
+        devices: Devices,
+        journal: Journal,
+        pictures: Pictures,
+        publish: Callable[[Event], None],
+    ) -> None:
+        self._config = config
+        self.cell = cell
+        self._devices = devices
+        self._journal = journal
+        self._pictures = pictures
+        self._publish = publish
+        self._person = Person()
+        self._units = 0
+        self._chosen = _read_chosen(config)
+
+    async def handle(self, request: Request) -> Mapping[str, object]:
+        """Answer one request. Raises Declined or NotAllowed."""
+        match request:
+            case StatusRequest():
+                pass
+            case CommandRequest():
+                self._command(request.command)
+            case ModeRequest():
+                self.cell.set_mode(request.mode)
+            case RecipeUseRequest():
+                self._use(request.name)
+            case UnitsLeftRequest():
+                self._units = request.count
+            case CalibrateRequest():
+                self._maintain(partial(self._calibration, request.what))
+            case TeachRequest():
+                self._maintain(partial(self._teaching, request.repeats))
+            case ProceedRequest():
+                self._person.proceed()
+        return self.status()
+
+    def status(self) -> dict[str, object]:
+        """Machine, recipe, and what a person is asked for."""
+        return {**self.cell.status(), "recipe": self._chosen, "asks": self._person.asked}
+
+    def _command(self, command: Command) -> None:
+        if command is Command.START and self.cell.state is State.IDLE:
+            self._recipe()  # a recipe that cannot be read is refused here, not in the middle of starting
+            self.cell.set_mode(Mode.PRODUCTION)
+            self.cell.make_work = self._production
+        self.cell.command(command)
+
+    def _maintain(self, make_work: Callable[[], Work]) -> None:
+        if self.cell.state is not State.IDLE:
+            raise Declined(f"this is possible in Idle only, the cell is in {self.cell.state.title}; reset it first")
+        self._recipe()
+        self.cell.set_mode(Mode.MAINTENANCE)
+        self.cell.make_work = make_work
+        self.cell.command(Command.START)
+
+    def _use(self, name: str) -> None:
+        if self.cell.state not in {State.STOPPED, State.IDLE, State.ABORTED, State.COMPLETE}:
+            raise Declined(f"the recipe cannot change in {self.cell.state.title}; stop the cell first")
+        _load(self._config, name)
+        self._chosen = name
+        path = self._config.paths.state / CHOSEN
+        path.write_text(name + "\n", encoding="ascii")
+
+    # -- work --------------------------------------------------------------------------------------------------
+
+    def _production(self) -> Work:
+        name, recipe = self._recipe()
+        calibrations = self._calibrations()
+        job = Job(
+            config=self._config,
+            name=name,
+            recipe=recipe,
+            calibrations=calibrations,
+            taught=read_taught(self._config, name, recipe, (calibrations[0].id, calibrations[1].id)),
+            hand=self._hand(recipe),
+            sight=self._sight(recipe, calibrations),
+            journal=self._journal,
+        )
+        return Production(job, self._publish, self._units, self.cell.count)
+
+    def _teaching(self, repeats: int) -> Work:
+        name, recipe = self._recipe()
+        calibrations = self._calibrations()
+        return Teaching(
+            config=self._config,
+            name=name,
+            recipe=recipe,
+            calibrations=calibrations,
+            hand=self._hand(recipe),
+            sight=self._sight(recipe, calibrations),
+            repeats=repeats,
+            ask=partial(self._person.ask, "teach", self._publish),
+            publish=self._publish,
+        )
+
+    def _calibration(self, what: str) -> Work:
+        _, recipe = self._recipe()
+        return Calibration(config=self._config, what=what, hand=self._hand(recipe), publish=self._publish)
+
+    def _hand(self, recipe: Recipe) -> Hand:
+        return Hand(self._devices, self._config.positions, recipe.motion, recipe.pick, recipe.place)
+
+    def _sight(self, recipe: Recipe, calibrations: tuple[CameraCalibration, CameraCalibration]) -> Sight:
+        first, second = calibrations
+        return Sight(first.plane, second.plane, recipe, self._pictures)
+
+    def _calibrations(self) -> tuple[CameraCalibration, CameraCalibration]:
+        return read_calibration(self._config, "camera-1"), read_calibration(self._config, "camera-2")
+
+    def _recipe(self) -> tuple[str, Recipe]:
+        if self._chosen is None:
+            names = ", ".join(list_recipes(self._config.paths.recipes)) or "none yet"
+            raise Declined(f"no recipe is chosen; choose one with `cellctl recipe use NAME` (there are: {names})")
+        return self._chosen, _load(self._config, self._chosen)
+
+
+def _load(config: CellConfig, name: str) -> Recipe:
+    try:
+        return load_recipe(config.paths.recipes, name)
+    except SettingsError as error:
+        raise Declined("; ".join(error.lines)) from error
+
+
+def _read_chosen(config: CellConfig) -> str | None:
+    try:
+        return (config.paths.state / CHOSEN).read_text(encoding="ascii").strip() or None
+    except (OSError, UnicodeDecodeError):
+        return None
