@@ -61,8 +61,11 @@ class Peer(NamedTuple):
 # -- events ------------------------------------------------------------------------------------------------
 
 
-def progress_event(job: str, text: str, *, asks: bool = False) -> Event:
-    """A job (calibrate, teach) got somewhere; `asks` = a person must do what the text says, then `proceed`."""
+def progress_event(job: str, text: str, *, asks: str | None = None) -> Event:
+    """A job (calibrate, teach) got somewhere; with `asks`, a person must do what the text says, then `proceed`.
+
+    `asks` is the stable name of what is asked for, such as "seat-golden-assembly".
+    """
     return {"event": "progress", "job": job, "text": text, "asks": asks}
 
 

@@ -53,6 +53,7 @@ class LogWriter:
         self._file: IO[bytes] | None = None
         self._complained = False
         self._dropped = 0
+        self._counting = threading.Lock()
         self._entries: queue.Queue[Entry | None] = queue.Queue(MOST_WAITING)
         self._thread = threading.Thread(target=self._write_all, name="log", daemon=True)
         self._thread.start()
@@ -62,7 +63,8 @@ class LogWriter:
         try:
             self._entries.put_nowait(entry)
         except queue.Full:
-            self._dropped += 1
+            with self._counting:
+                self._dropped += 1
 
     def close(self) -> None:
         """Write what waits, as far as stream and disk allow within CLOSE_WITHIN_S, and end the thread."""
@@ -73,11 +75,17 @@ class LogWriter:
     def _write_all(self) -> None:
         while (entry := self._entries.get()) is not None:
             self._write(entry)
-            if self._dropped and self._entries.empty():
-                dropped, self._dropped = self._dropped, 0
-                self._write(_own_warning(f"{dropped} log entries were lost: stream or disk is too slow"))
+            if self._entries.empty():
+                self._confess()
+        self._confess()
         if self._file is not None:
             self._file.close()
+
+    def _confess(self) -> None:
+        with self._counting:
+            dropped, self._dropped = self._dropped, 0
+        if dropped:
+            self._write(_own_warning(f"{dropped} log entries were lost: stream or disk is too slow"))
 
     def _write(self, entry: Entry) -> None:
         self._say(entry.line)

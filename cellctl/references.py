@@ -85,7 +85,7 @@ class CameraCalibration(Reference):
 class Taught(Reference):
     """The golden assembly of one recipe: every unit is placed by its difference from it."""
 
-    recipe: str
+    recipe: str  # the recipe in use when it was taught
     geometry: str  # hash of what was looked at; a changed part must be taught anew
     calibrations: tuple[str, str]
     look_1: Pose  # robot_from_tool when camera 1 looks
@@ -100,9 +100,9 @@ class Taught(Reference):
     spread_deg: float
 
     @staticmethod
-    def path(state: Path, recipe: str) -> Path:
-        """Where the file of this recipe is."""
-        return state / "taught" / f"{recipe}.json"
+    def path(state: Path, recipe: Recipe) -> Path:
+        """Where the file is; recipes that look at the same features share it."""
+        return state / "taught" / f"{geometry_of(recipe)}.json"
 
 
 def now() -> datetime:
@@ -132,13 +132,13 @@ def read_calibration(config: CellConfig, camera: Eye) -> CameraCalibration:
     return calibration
 
 
-def read_taught(config: CellConfig, name: str, recipe: Recipe, calibrations: tuple[str, str]) -> Taught:
+def read_taught(config: CellConfig, recipe: Recipe, calibrations: tuple[str, str]) -> Taught:
     """The taught reference in force. Raises NotCalibrated when it does not belong to recipe and calibrations."""
-    remedy = "run `cellctl recipe teach`"
-    path = Taught.path(config.paths.state, name)
+    remedy = f"teach {recipe.model} with `cellctl recipe teach` (also after any change of its [base] or [battery])"
+    path = Taught.path(config.paths.state, recipe)
     taught = Taught.read(path, remedy)
     if taught.geometry != geometry_of(recipe):
-        raise NotCalibrated(f"{path}: [base] or [battery] of recipe {name} changed since it was taught: {remedy}")
+        raise NotCalibrated(f"{path} is of other features than the recipe's: {remedy}")
     if taught.calibrations != calibrations:
-        raise NotCalibrated(f"{path}: a camera was calibrated after recipe {name} was taught: {remedy}")
+        raise NotCalibrated(f"{path} was taught before a camera was calibrated anew: {remedy}")
     return taught

@@ -49,12 +49,12 @@ class Person:
     asked: str | None = None
     _done: asyncio.Event = field(default_factory=asyncio.Event)
 
-    async def ask(self, job: str, publish: Callable[[Event], None], text: str) -> None:
+    async def ask(self, job: str, publish: Callable[[Event], None], what: str, text: str) -> None:
         """Return when a person has done it. Raises NotReady when nobody does within the hour."""
         self.asked = text
         self._done.clear()
         log.info(f"please {text}, then: cellctl proceed")
-        publish(progress_event(job, text, asks=True))
+        publish(progress_event(job, text, asks=what))
         try:
             async with asyncio.timeout(PERSON_WITHIN_S):
                 await self._done.wait()
@@ -150,7 +150,7 @@ class Session:
             name=name,
             recipe=recipe,
             calibrations=calibrations,
-            taught=read_taught(self._config, name, recipe, (calibrations[0].id, calibrations[1].id)),
+            taught=read_taught(self._config, recipe, (calibrations[0].id, calibrations[1].id)),
             hand=self._hand(recipe),
             sight=self._sight(recipe, calibrations),
             journal=self._journal,

@@ -74,7 +74,7 @@ def load(path: Path | str, model: type[S]) -> S:
     layout = scan(text)
     if layout.too_much:
         at = layout.stuck or 0
-        _refuse(path, text, (at, f"{_key_at(layout, at)}{layout.too_much}"))
+        _refuse(path, text, (at, f"{_key_at(text, layout, at)}{layout.too_much}"))
     try:
         content = tomllib.loads(text)
     except (ValueError, RecursionError) as error:
@@ -82,18 +82,22 @@ def load(path: Path | str, model: type[S]) -> S:
     try:
         return model.model_validate(content, context={"folder": path.parent.resolve()})
     except ValidationError as error:
-        found = sorted(_mistake(each, model, layout) for each in error.errors(include_url=False))
-        _refuse(path, text, *found)
+        errors = sorted(error.errors(include_url=False), key=lambda each: _offset_of(each, layout))
+        mistakes = [
+            (_offset_of(each, layout), f"{_dotted(each['loc'])}: {_sentence(each, model)}")
+            for each in errors[:MOST_LINES]
+        ]
+        _refuse(path, text, *mistakes, untold=len(errors) - len(mistakes))
 
 
-def _refuse(path: Path, text: str, *mistakes: tuple[int, str]) -> NoReturn:
+def _refuse(path: Path, text: str, *mistakes: tuple[int, str], untold: int = 0) -> NoReturn:
     """Raise SettingsError with a line per mistake, given by its offset and its sentence."""
     lines = []
-    for offset, said in mistakes[:MOST_LINES]:
+    for offset, said in mistakes:
         line, column = _line_and_column(text, offset)
         lines.append(f"{path}:{line}:{column}: {said}")
-    if len(mistakes) > MOST_LINES:
-        lines.append(f"{path}: and {len(mistakes) - MOST_LINES} more mistakes")
+    if untold:
+        lines.append(f"{path}: and {untold} more mistakes")
     raise SettingsError(lines) from None
 
 
@@ -155,7 +159,7 @@ def _syntax_mistake(text: str, layout: Layout, message: str) -> tuple[int, str]:
         what = "a number has a decimal point, not a comma"
     elif what == "Invalid value":
         what = "is not a value: texts stand in quotes, numbers begin with a digit"
-    return offset, f"{_key_at(layout, offset)}{what[:1].lower()}{what[1:]}"
+    return offset, f"{_key_at(text, layout, offset)}{what[:1].lower()}{what[1:]}"
 
 
 def _offset(text: str, line: int, column: int) -> int:
@@ -165,10 +169,14 @@ def _offset(text: str, line: int, column: int) -> int:
     return start + column - 1
 
 
-def _key_at(layout: Layout, offset: int) -> str:
-    """The key whose value contains the offset, as the beginning of a sentence."""
-    inside = [each for each in layout.statements + layout.unfinished if each.start <= offset <= each.end]
-    return f"{_dotted(max(inside).path)}: " if inside else ""
+def _key_at(text: str, layout: Layout, offset: int) -> str:
+    """The key whose value contains the offset, or that ends before it on its line, as the beginning of a sentence."""
+    begun = [each for each in layout.statements + layout.unfinished if each.start <= offset]
+    inside = max((each for each in begun if offset <= each.end), default=None)
+    before = max(begun, key=lambda each: each.end, default=None)
+    if inside is None and before and "\n" not in text[before.end : offset]:
+        inside = before
+    return f"{_dotted(inside.path)}: " if inside else ""
 
 
 def _given_twice(text: str, layout: Layout, noticed: int) -> tuple[int, str]:
@@ -198,26 +206,27 @@ WRONG_TYPE = {
     "model_type": "must be a table",
     "finite_number": "must be a finite number",
 }
-UNITS = ["mm_per_px", "mm", "um", "px", "deg", "pct", "db", "s", "ms", "us", "days", "mb"]
+UNITS = {
+    "mm_per_px": "mm per px",
+    **{unit: unit for unit in ("mm", "um", "px", "deg", "s", "ms", "us", "days")},
+    "pct": "%",
+    "db": "dB",
+    "mb": "MB",
+}
 BOUNDS = {"ge": "at least", "gt": "above", "le": "at most", "lt": "below"}
 THOUSANDTH = {"mm": "um", "s": "ms", "ms": "us"}
 
 
-def _mistake(error: ErrorDetails, model: type[Settings], layout: Layout) -> tuple[int, str]:
-    """Offset and sentence of one thing that the model refused."""
-    path: KeyPath = error["loc"]
-    offset = _offset_of(path, layout, missing=error["type"] == "missing", unknown=error["type"] == "extra_forbidden")
-    return offset, f"{_dotted(path)}: {_sentence(error, model)}"
-
-
-def _offset_of(path: KeyPath, layout: Layout, *, missing: bool, unknown: bool) -> int:
+def _offset_of(error: ErrorDetails, layout: Layout) -> int:
     """Of the key when it is unknown, of its table's header when it is missing, else of its value."""
-    known = path[:-1] if missing else path
-    while known and known not in layout.spots:
-        known = known[:-1]
-    if not known:
+    path: KeyPath = error["loc"]
+    if error["type"] == "missing":
+        path = path[:-1]
+    while path and path not in layout.spots:
+        path = path[:-1]
+    if not path:
         return 0
-    return layout.spots[known].key if unknown else layout.spots[known].value
+    return layout.spots[path].key if error["type"] == "extra_forbidden" else layout.spots[path].value
 
 
 def _sentence(error: ErrorDetails, model: type[Settings]) -> str:
@@ -260,7 +269,7 @@ def _range(error: ErrorDetails, field: FieldInfo | None) -> str:
     unit = next((unit for unit in UNITS if name.endswith(f"_{unit}") or name == unit), "")
     said = " and ".join(f"{word} {bounds[name]:g}" for name, word in BOUNDS.items() if name in bounds)
     hint = f", is it in {THOUSANDTH[unit]}?" if unit in THOUSANDTH and _thousandfold(error["input"], bounds) else ""
-    return f"must be {said} {unit}".rstrip() + hint
+    return f"must be {said} {UNITS.get(unit, '')}".rstrip() + hint
 
 
 def _thousandfold(value: float, bounds: dict[str, float]) -> bool:

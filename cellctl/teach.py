@@ -39,7 +39,7 @@ class Golden:
 
 @dataclass(frozen=True)
 class Teaching:
-    """Teaches one recipe; work for Execute in Maintenance. `ask` returns when a person has done what it says."""
+    """Teaches one recipe; work for Execute in Maintenance. `ask(what, text)` returns when a person has done it."""
 
     config: CellConfig
     name: str
@@ -48,7 +48,7 @@ class Teaching:
     hand: Hand
     sight: Sight
     repeats: int
-    ask: Callable[[str], Awaitable[None]]
+    ask: Callable[[str, str], Awaitable[None]]
     publish: Callable[[Event], None]
     ends_with_its_unit = False
 
@@ -84,7 +84,7 @@ class Teaching:
         except (CellError, DeviceError) as error:
             self.publish(job_event("teach", False, str(error)))
             raise
-        path = Taught.path(self.config.paths.state, self.name)
+        path = Taught.path(self.config.paths.state, self.recipe)
         await asyncio.to_thread(taught.save, path)
         text = (
             f"{self.name} taught from {taught.repeats} golden assemblies, "
@@ -96,7 +96,7 @@ class Teaching:
     async def _teach(self) -> Taught:
         golden = [await self._golden(number) for number in range(1, self.repeats + 1)]
         on_table = [await self._reference(number, golden[-1]) for number in range(1, self.repeats + 1)]
-        await self.ask("take the golden base and the reference battery out of the cell")
+        await self.ask("clear-station", "take the golden base and the reference battery out of the cell")
         seats = [sample.base_from_battery for sample in golden]
         spread_mm, spread_deg = spread(seats)
         if spread_mm > MOST_SPREAD_MM or spread_deg > MOST_SPREAD_DEG:
@@ -126,7 +126,8 @@ class Teaching:
         """One golden assembly: look, pick it out of its seat, look, put it back."""
         hand, base, name = self.hand, self.recipe.base, f"teach-{self.name}-golden-{number}"
         await self.ask(
-            f"{number} of {self.repeats}: seat the golden battery by hand in the golden base at the station"
+            "seat-golden-assembly",
+            f"{number} of {self.repeats}: seat the golden battery by hand in the golden base at the station",
         )
         if not hand.devices.plc.image.photo_switch:
             raise NoParts("there is no base at the station to teach from")
@@ -147,7 +148,10 @@ class Teaching:
     async def _reference(self, number: int, golden: Golden) -> Pose:
         """robot_from_battery of the reference battery at its nominal place on the table."""
         hand = self.hand
-        await self.ask(f"{number} of {self.repeats}: lay the reference battery at its nominal place on the table")
+        await self.ask(
+            "lay-reference-battery",
+            f"{number} of {self.repeats}: lay the reference battery at its nominal place on the table",
+        )
         await hand.stop_at(self.table)
         await hand.suck(self.table, self.recipe.pick.touch_z_mm)
         tool_from_battery = await self._look_at_held(f"teach-{self.name}-table-{number}")

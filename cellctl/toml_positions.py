@@ -86,6 +86,9 @@ class _Scanner:
                 self.header()
             else:
                 self.pair(self.table)
+            self.skip(SPACE)
+            if not self.text.startswith(("\n", "#"), self.at) and self.at < len(self.text):
+                raise _Stuck(self.at)
             self.skip(BLANK)
 
     def header(self) -> None:

@@ -92,7 +92,6 @@ class GigeCamera:
         Raises Refused when the camera does not take them or reads back others, NoAnswer, LinkLost.
         """
         async with self._turn:
-            self._wanted = replace(self._wanted, exposure=(exposure_us, gain_db))
             connection = self._open_connection()
             try:
                 async with asyncio.timeout(CONFIGURE_WITHIN_S):
@@ -107,6 +106,7 @@ class GigeCamera:
         if abs(got_us - exposure_us) > tolerance_us or abs(got_db - gain_db) > GAIN_TOLERANCE_DB:
             detail = f"asked for {exposure_us:g} us and {gain_db:g} dB, it set {got_us:g} us and {got_db:g} dB"
             raise Refused(self._name, "read-back", detail)
+        self._wanted = replace(self._wanted, exposure=(exposure_us, gain_db))
 
     async def grab(self, *, within_s: float = 1.0) -> Frame:
         """Trigger and return the picture whose exposure began after this call; its pixels belong to the caller.

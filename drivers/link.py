@@ -27,6 +27,7 @@ CLOSE_S = 0.5
 READ_SIZE = 4096
 BAUDS = (4800, 9600, 19200, 38400, 57600, 115200)
 PARITIES = {"none": serial.PARITY_NONE, "odd": serial.PARITY_ODD, "even": serial.PARITY_EVEN}
+PSEUDO_TERMINALS = range(136, 144)  # device major numbers
 FLOWS = ("none", "xonxoff", "rtscts")
 
 IAC, DONT, DO, WONT, WILL, SUBNEGOTIATION, SUBNEGOTIATION_END = 255, 254, 253, 252, 251, 250, 240
@@ -298,6 +299,11 @@ async def _connect(address: TcpAddress | SerialAddress, receiver: _Receiver) -> 
     return SerialWire(address, receiver)
 
 
+def _has_no_parity(path: str) -> bool:
+    """A pseudo terminal (a line carried over a network, for instance) refuses parity when opened again."""
+    return os.major(os.stat(path).st_rdev) in PSEUDO_TERMINALS
+
+
 class SerialWire:
     """A serial port on the running loop; reads and writes never block. Raises SerialException."""
 
@@ -308,7 +314,7 @@ class SerialWire:
         self._port: serial.Serial | None = serial.Serial(
             address.path,
             address.baud,
-            parity=PARITIES[address.parity],
+            parity=PARITIES["none" if _has_no_parity(address.path) else address.parity],
             xonxoff=address.flow == "xonxoff",
             rtscts=address.flow == "rtscts",
             exclusive=True,

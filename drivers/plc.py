@@ -78,7 +78,7 @@ class Plc:
         A base that came for an earlier, cancelled call and still stands clamped is returned without a new command.
         """
         async with self._scan.within(within_s, lambda: "no base came; look at supply and conveyor:"), self._turn:
-            await self._scan.until(lambda image: True)
+            await self._scan.idle()
             if not self._scan.picture.carrier_clamped:
                 self._scan.taken = self._scan.picture.arrival_seq  # whatever came before has gone again
             if not self._untaken():

@@ -128,6 +128,10 @@ class PlcScan:
         while self.trouble() is not None or not holds(self.picture):
             await self._exchanged.wait()
 
+    async def idle(self) -> None:
+        """Wait until the PLC is well and has finished the command before; the caller has a deadline."""
+        await self.until(lambda image: self._order is None)
+
     async def carry(self) -> None:
         """Return after an exchange that wrote the words as they are now; the caller has a deadline."""
         wanted = self._begun + 1
@@ -148,7 +152,7 @@ class PlcScan:
 
         When the caller gives up, what was not sent yet never will be; what was sent finishes before the next command.
         """
-        await self.until(lambda image: self._order is None)
+        await self.idle()
         self._number = _after(self._number, self.picture.accepted)
         order = Order(self._number, command, argument, asyncio.get_running_loop().create_future())
         self._order = order
@@ -284,6 +288,8 @@ class PlcScan:
         """Registers 0..15. A command is shown to the PLC only while it serves us."""
         assert self._image is not None
         self._heartbeat = (self._heartbeat + 1) & 0xFFFF
+        if self._order is not None and self._order.done.done() and not self._order.sent:
+            self._order = None  # given up in this very turn of the loop
         order = self._order if self._image.session == self._session else None
         if order is not None:
             order.sent = True

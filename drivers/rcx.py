@@ -17,12 +17,12 @@ STOP = b"\x03"  # ends the running operation, needs no line end and gets no answ
 RIGHTY, LEFTY = 1, 2
 AUTO_RELEASED = 2  # ?MODE: automatic, the control right released by the pendant
 
-NG = re.compile(r"(?:NG\s*=\s*)?(\d{1,2})\.(\d{1,3})(?::.*)?")
-CODE_WITH_TEXT = re.compile(r"\d{1,2}\.\d{1,3}:")
-DECIMAL = re.compile(r"[+-]?(?:\d{1,9}(?:\.\d{0,9})?|\.\d{1,9})")
+NG = re.compile(r"(?:NG\s*=\s*)?(\d{1,2})\.(\d{1,3})(?::.*)?", re.ASCII)
+CODE_WITH_TEXT = re.compile(r"\d{1,2}\.\d{1,3}:", re.ASCII)
+DECIMAL = re.compile(r"[+-]?(?:\d{1,9}(?:\.\d{0,9})?|\.\d{1,9})", re.ASCII)
 FIELD_COUNTS = (6, 7, 9)
-INTEGER = re.compile(r"[+-]?\d{1,9}")
-STATE_AND_AXES = re.compile(r"([01])(?:\s+[0-9](?:\s*,\s*[0-9])*)?")
+INTEGER = re.compile(r"[+-]?\d{1,9}", re.ASCII)
+STATE_AND_AXES = re.compile(r"([01])(?:\s+[0-9](?:\s*,\s*[0-9])*)?", re.ASCII)
 
 
 class Kind(Enum):

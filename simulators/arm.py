@@ -81,9 +81,9 @@ def inverse(pose: ToolPose, hand: Hand) -> Joints:
     """The joints of this tool pose with the elbow on that side; raises Unreachable outside any limit."""
     reach_mm = math.hypot(pose.x_mm, pose.y_mm)
     cosine = (reach_mm**2 - ARM_1_MM**2 - ARM_2_MM**2) / (2 * ARM_1_MM * ARM_2_MM)
-    if not -1 <= cosine <= 1:
+    if abs(cosine) > 1 + SAME_MM:
         raise Unreachable("position", f"{reach_mm:.1f} mm from the column, the arms span 400 mm")
-    q2 = math.acos(cosine) * (1 if hand is Hand.RIGHTY else -1)
+    q2 = math.acos(min(max(cosine, -1.0), 1.0)) * (1 if hand is Hand.RIGHTY else -1)
     elbow = math.atan2(ARM_2_MM * math.sin(q2), ARM_1_MM + ARM_2_MM * cosine)
     q1 = math.remainder(math.atan2(pose.y_mm, pose.x_mm) - elbow, math.tau)
     j1_deg, j2_deg = math.degrees(q1), math.degrees(q2)

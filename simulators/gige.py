@@ -260,6 +260,8 @@ class GigeCameraServer:
             return self._privilege(gvcp.WORD.unpack(data)[0], client)
         if client != self._controller:
             return Status.ACCESS_DENIED
+        if self.faults.on("stuck_exposure") and address == self.registers.table["ExposureNs"].address:
+            return Status.OK
         status = self.registers.write(address, data, busy=self._acquiring)
         if not status:
             self._act(address, gvcp.WORD.unpack(data)[0])
@@ -270,7 +272,7 @@ class GigeCameraServer:
         table = self.registers.table
         if address == genicam.STREAM_PACKET and value & gvcp.TEST_PACKET_BIT:
             if target := self._target():
-                self._sender.test_packet(value & gvcp.PACKET_SIZE_MASK, target)
+                self._sender.test_packet(self._packet_size(), target)
         elif address == genicam.TIMESTAMP_CONTROL and value & genicam.TIMESTAMP_LATCH_BIT:
             self.registers["GevTimestampHigh"], self.registers["GevTimestampLow"] = divmod(_ticks(), 1 << 32)
         elif address == table["AcquisitionStart"].address:
@@ -398,6 +400,9 @@ class GigeCameraServer:
         port = self.registers["GevSCPHostPort"] & 0xFFFF
         return (socket.inet_ntoa(gvcp.WORD.pack(self.registers["GevSCDA"])), port) if port else None
 
+    def _packet_size(self) -> int:
+        return self.registers["GevSCPS"] & gvcp.PACKET_SIZE_MASK
+
     async def _send(self, picture: Picture, shot: _Shot) -> None:
         """All packets in a burst that ends when a real link would have delivered the last one."""
         clock = self._clock
@@ -416,7 +421,7 @@ class GigeCameraServer:
 
     def _burst(self, number: int, picture: Picture, target: Target) -> tuple[Block, Order]:
         """In the worker: send leader and payload. Returns the block, and the trailer if the network delivers it."""
-        block = Block(number, picture, self.registers["GevSCPS"] & gvcp.PACKET_SIZE_MASK, target)
+        block = Block(number, picture, self._packet_size(), target)
         self._sender.keep(block)
         order = self.faults.on_their_way(block.order())
         self.counts.packets += block.last + 1

@@ -27,6 +27,7 @@ class Faults:
     | ignore_trigger | count=1 | the next triggers have no effect |
     | stale_frame | count=1, alone=False | the previous picture is sent again, before the true one or instead of it |
     | wrong_size | count=1 | the next pictures have fewer lines than set |
+    | stuck_exposure | on=True | a new exposure time is acknowledged and not taken |
     | mute | on=True | cable out: nothing is answered or sent |
     | clear | | all of the above end |
     """
@@ -43,7 +44,7 @@ class Faults:
             "stale_frame": self._stale_frame,
             "clear": self._clear,
         }
-        self._switches = ("resend_unavailable", "reorder", "mute")
+        self._switches = ("resend_unavailable", "reorder", "stuck_exposure", "mute")
         self._counted = ("lost_acks", "ignore_trigger", "wrong_size")
         self._clear()
 

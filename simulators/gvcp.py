@@ -221,11 +221,19 @@ class Registers:
         register = self._by_address.get(address)
         if register is None:
             return self._why_not(address)
+        if address == genicam.STREAM_PACKET:
+            return self._set_packet(register, value)
         status = self._fits(register, value, busy=busy)
         if not status:
-            self._set(address, value & ~TEST_PACKET_BIT if address == genicam.STREAM_PACKET else value)
+            self._set(address, value)
             self["PayloadSize"] = self["Width"] * self["Height"]
         return status
+
+    def _set_packet(self, register: Register, value: int) -> Status:
+        """A size that the camera does not have becomes the next one below; a client reads back which."""
+        size = min(max(value & PACKET_SIZE_MASK, register.low), register.high)
+        self._set(register.address, size - (size - register.low) % register.step | value & DO_NOT_FRAGMENT_BIT)
+        return Status.OK
 
     def _why_not(self, address: int) -> Status:
         if address % 4:
@@ -237,8 +245,6 @@ class Registers:
             return Status.WRITE_PROTECT
         if register.locked and busy:
             return Status.BUSY
-        if register.address == genicam.STREAM_PACKET:
-            value &= PACKET_SIZE_MASK
         inside = register.low <= value <= register.high and (value - register.low) % register.step == 0
         return Status.OK if inside and self._region_fits(register, value) else Status.INVALID_PARAMETER
 

@@ -5,14 +5,16 @@ Levels are grey values of full light. Metal bodies are mid-grey, what lies behin
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import TypeAlias
 
 import numpy as np
 
 from simulators.optics import Points
 from simulators.place import Place
 from simulators.render import Scene
-from simulators.shapes import Disks, Polygon, Ring, Shape, Stroke, disk, placed
+from simulators.shapes import Disks, Placed, Polygon, Ring, Shape, Stroke, disk, placed
 
 BACKGROUND = 45.0
 BODY = 130.0
@@ -22,6 +24,7 @@ FOIL = 145.0
 CARD = 185.0
 WALL_MM = 5.0  # of the base around its seat
 SIDE_MM = 14.0  # the base reaches at least so far to either side of its hole
+Part: TypeAlias = tuple[Shape | Placed, ...]
 FORM_STEP_MM = 1.0  # between samples of an edge's form error
 
 
@@ -68,16 +71,17 @@ class PlateDrawing:
         return np.stack([x.ravel(), y.ravel()], axis=1)
 
 
-def scene(*things: tuple[list[Shape], Place], background: float = BACKGROUND) -> Scene:
+def scene(*things: tuple[Part, Place], background: float = BACKGROUND) -> Scene:
     """Things one on top of the other, each with its place in the camera's object plane."""
     return Scene(background, [shape for shapes, place in things for shape in placed(shapes, place)])
 
 
-def base(drawing: BaseDrawing) -> list[Shape]:
+@lru_cache(maxsize=8)
+def base(drawing: BaseDrawing) -> Part:
     """The base with its seat, hole, chamfer, groove and two windows."""
     r, edge = drawing.hole_radius_mm, drawing.edge_distance_mm
     groove = np.array([[-SIDE_MM + 1.5, edge - 1.0], [SIDE_MM - 1.5, edge - 1.0]])
-    return [
+    return (
         _body(drawing),
         _pocket(drawing),
         Polygon(np.concatenate([groove, groove[::-1] - (0.0, 0.15)]), 95.0),
@@ -86,10 +90,11 @@ def base(drawing: BaseDrawing) -> list[Shape]:
         Ring((0.0, 0.0), r + 0.16, r + 0.29, 158.0),
         disk((0.0, 0.0), r, HOLE),
         Ring((0.12, -0.09), 0.66 * r, 0.70 * r, 58.0),
-    ]
+    )
 
 
-def battery(drawing: BatteryDrawing) -> list[Shape]:
+@lru_cache(maxsize=8)
+def battery(drawing: BatteryDrawing) -> Part:
     """The battery with the seam of its wrap and some print."""
     w, h = drawing.width_mm / 2, drawing.height_mm / 2
     rng = np.random.default_rng(drawing.form_seed)
@@ -102,21 +107,18 @@ def battery(drawing: BatteryDrawing) -> list[Shape]:
     for i, j in ((-1, -1), (1, -1), (1, 1), (-1, 1)):
         corner = np.array([i * w, j * h])
         shapes += [Stroke(corner - stroke * (i, j), 0.09, 70.0) for stroke in _print()]
-    return shapes
+    return tuple(shapes)
 
 
-def dot_plate(drawing: PlateDrawing = PlateDrawing()) -> list[Shape]:
+@lru_cache(maxsize=8)
+def dot_plate(drawing: PlateDrawing = PlateDrawing()) -> Part:
     """The dot plate: dark dots on a bright card."""
     m, dots = drawing.margin_mm, drawing.dots()
     width, height = (drawing.columns - 1) * drawing.pitch_mm, (drawing.rows - 1) * drawing.pitch_mm
     radii = np.full(len(dots), drawing.dot_mm / 2)
     radii[0] = drawing.first_dot_mm / 2
-    return [Polygon(_rectangle(-m, -m, width + m, height + m), CARD, texture=0.75), Disks(dots, radii, HOLE + 20.0)]
-
-
-def with_sizes(drawing: BaseDrawing, seat_width_mm: float, seat_height_mm: float) -> BaseDrawing:
-    """A base whose seat came out with these sizes."""
-    return replace(drawing, seat_width_mm=seat_width_mm, seat_height_mm=seat_height_mm)
+    card = Polygon(_rectangle(-m, -m, width + m, height + m), CARD, texture=0.75)
+    return (card, Disks(dots, radii, HOLE + 20.0))
 
 
 def _body(drawing: BaseDrawing) -> Polygon:
@@ -127,10 +129,10 @@ def _body(drawing: BaseDrawing) -> Polygon:
     return Polygon(_wavy(outline, drawing.form_sd_mm, rng), BODY, radius_mm=1.5, texture=1.5)
 
 
-def _pocket(drawing: BaseDrawing) -> Shape:
+def _pocket(drawing: BaseDrawing) -> Placed:
     w, h = drawing.seat_width_mm / 2, drawing.seat_height_mm / 2
     seat = Place(drawing.seat_x_mm, drawing.seat_y_mm, drawing.seat_t_deg)
-    return Polygon(_rectangle(-w, -h, w, h), POCKET, radius_mm=0.5).moved(seat)
+    return Placed(Polygon(_rectangle(-w, -h, w, h), POCKET, radius_mm=0.5), seat)
 
 
 def _rectangle(left: float, low: float, right: float, high: float) -> Points:

@@ -4,36 +4,46 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import TypeAlias
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from simulators.optics import Points
+from simulators.optics import PX_PER_MM, Points
 from simulators.place import Place
 
 Floats: TypeAlias = NDArray[np.float64]
-Contour: TypeAlias = tuple[Points, Points]  # samples and directions, (..., k, 2), the inside on the left
-STRAIGHT_PX = 128.0  # between samples of a straight line, which distortion may bend
+STRAIGHT_MM = 1.0  # between samples of a straight line, which distortion may bend
 
 
-def _samples(radius_px: float) -> int:
-    """Samples of a full circle, so that the parabola between two of them is true to 0.001 px."""
-    return 16 * max(3, math.ceil(math.sqrt(radius_px)))
+class Contour(NamedTuple):
+    """Lines of equal length: samples in mm and the directions there (any length), both (lines, k, 2).
+
+    An area lies on the left of its lines, which are closed. Two samples on one spot are a sharp vertex.
+    """
+
+    points: Points
+    directions: Points
 
 
-def _circle(centres: Points, radii: Floats, px_per_mm: float) -> Contour:
-    """Circles counter-clockwise: samples and directions (n, k, 2)."""
-    t = np.linspace(0.0, 2.0 * math.pi, _samples(float(radii.max()) * px_per_mm), endpoint=False)
+def _samples(radius_mm: float) -> int:
+    """Samples of a full circle, so that a parabola between two of them is true to 0.001 px."""
+    return 16 * max(3, math.ceil(math.sqrt(radius_mm * PX_PER_MM)))
+
+
+def _circles(centres: Points, radii: Floats) -> Contour:
+    """Circles counter-clockwise."""
+    t = np.linspace(0.0, 2.0 * math.pi, _samples(float(radii.max())), endpoint=False)
     out = np.stack([np.cos(t), np.sin(t)], axis=-1)
     points = centres[:, None, :] + radii[:, None, None] * out
-    return points, np.broadcast_to(np.stack([-out[:, 1], out[:, 0]], axis=-1), points.shape)
+    return Contour(points, np.broadcast_to(np.stack([-out[:, 1], out[:, 0]], axis=-1), points.shape))
 
 
 @dataclass(frozen=True, eq=False)
 class Polygon:
-    """A filled polygon (n, 2) in mm, either way round; `radius_mm` rounds its vertices."""
+    """A filled polygon (n, 2) in mm, either way round; `radius_mm` rounds its vertices, texture is up to 2.5."""
 
     points: Points
     level: float
@@ -48,20 +58,18 @@ class Polygon:
         p = p if x @ np.roll(y, -1) > y @ np.roll(x, -1) else p[::-1]
         go = np.roll(p, -1, axis=0) - p
         go /= np.hypot(go[:, 0], go[:, 1])[:, None]
-        come = np.roll(go, 1, axis=0)
-        turn = np.arctan2(come[:, 0] * go[:, 1] - come[:, 1] * go[:, 0], np.einsum("ij,ij->i", come, go))
-        arcs, along = self._arcs(p, come, turn, px_per_mm)
+        arcs, along = self._arcs(p, np.roll(go, 1, axis=0), go)
         step = np.roll(arcs[:, 0], -1, axis=0) - arcs[:, -1]
-        n = max(1, math.ceil(float(np.abs(step).max()) * px_per_mm / STRAIGHT_PX))
+        n = max(1, math.ceil(float(np.abs(step).max()) / STRAIGHT_MM))
         ways = arcs[:, -1:] + step[:, None] * (np.arange(1, n) / n)[:, None]
-        points = np.concatenate([arcs, ways], axis=1)
         directions = np.concatenate([along, np.broadcast_to(go[:, None], ways.shape)], axis=1)
-        return [(points.reshape(-1, 2), directions.reshape(-1, 2))]
+        return Contour(np.concatenate([arcs, ways], axis=1).reshape(1, -1, 2), directions.reshape(1, -1, 2))
 
-    def _arcs(self, vertices: Points, come: Points, turn: Floats, px_per_mm: float) -> Contour:
+    def _arcs(self, vertices: Points, come: Points, go: Points) -> tuple[Points, Points]:
         """The vertices as arcs: samples and directions (n, k, 2)."""
+        turn = np.arctan2(come[:, 0] * go[:, 1] - come[:, 1] * go[:, 0], np.sum(come * go, axis=1))
         part = float(np.abs(turn).max()) / (2.0 * math.pi)
-        n = 2 + (math.ceil(_samples(self.radius_mm * px_per_mm) * part) if self.radius_mm > 0.0 else 0)
+        n = 2 + (math.ceil(_samples(self.radius_mm) * part) if self.radius_mm > 0.0 else 0)
         angle = np.linspace(0.0, 1.0, n) * turn[:, None]
         c, s = np.cos(angle)[..., None], np.sin(angle)[..., None]
         side = np.stack([-come[:, 1], come[:, 0]], axis=1)
@@ -83,7 +91,7 @@ class Disks:
     @cached_property
     def contour(self) -> Contour:
         """Their outlines."""
-        return [_circle(np.asarray(self.centres, float), np.asarray(self.radii_mm, float), px_per_mm)]
+        return _circles(np.asarray(self.centres, float), np.asarray(self.radii_mm, float))
 
 
 def disk(centre: tuple[float, float], radius_mm: float, level: float) -> Disks:
@@ -93,7 +101,7 @@ def disk(centre: tuple[float, float], radius_mm: float, level: float) -> Disks:
 
 @dataclass(frozen=True, eq=False)
 class Ring:
-    """The area between two circles about one centre; the band should be 0.1 mm wide or wider."""
+    """The area between two circles about one centre; it should be 0.1 mm wide or wider."""
 
     centre: tuple[float, float]
     inner_mm: float
@@ -104,32 +112,52 @@ class Ring:
     @cached_property
     def contour(self) -> Contour:
         """Its outlines, the inner one clockwise."""
-        centre = np.array([self.centre], float)
-        points, directions = _circle(centre, np.array([self.inner_mm]), px_per_mm)
-        return [_circle(centre, np.array([self.outer_mm]), px_per_mm), (points[:, ::-1], -directions[:, ::-1])]
+        points, directions = _circles(np.array([self.centre] * 2, float), np.array([self.outer_mm, self.inner_mm]))
+        return Contour(
+            np.stack([points[0], points[1, ::-1]]),
+            np.stack([directions[0], -directions[1, ::-1]]),
+        )
 
 
 @dataclass(frozen=True, eq=False)
 class Stroke:
-    """A thin line along points (n, 2) in mm: a scratch, a seam, print."""
+    """A thin line along points (n, 2) in mm: a scratch, a seam, print; up to 0.1 mm wide."""
 
     points: Points
     width_mm: float
     level: float
+    texture: float = 0.0
 
     @cached_property
     def contour(self) -> Contour:
-        """Its centre line, open, every vertex sampled twice."""
+        """Its middle line, open, every vertex sampled twice."""
         p = np.asarray(self.points, float)
         step = np.diff(p, axis=0)
-        n = [max(1, math.ceil(s * px_per_mm / STRAIGHT_PX)) for s in np.linalg.norm(step, axis=1)]
-        ways = [p[i] + step[i] * np.linspace(0.0, 1.0, n[i] + 1)[:, None] for i in range(len(n))]
-        return [(np.concatenate(ways), np.repeat(step, [k + 1 for k in n], axis=0))]
+        n = max(1, math.ceil(float(np.abs(step).max()) / STRAIGHT_MM))
+        ways = p[:-1, None] + step[:, None] * np.linspace(0.0, 1.0, n + 1)[:, None]
+        directions = np.broadcast_to(step[:, None], ways.shape)
+        return Contour(ways.reshape(1, -1, 2), directions.reshape(1, -1, 2))
 
 
 Shape: TypeAlias = Polygon | Disks | Ring | Stroke
 
 
-def placed(shapes: Sequence[Shape], place: Place) -> list[Shape]:
+@dataclass(frozen=True, eq=False)
+class Placed:
+    """A shape of a frame that stands at `place`."""
+
+    shape: Shape
+    place: Place
+
+    @property
+    def contour(self) -> Contour:
+        """The shape's outline seen from the parent."""
+        t = math.radians(self.place.t_deg)
+        rotation = np.array([[math.cos(t), math.sin(t)], [-math.sin(t), math.cos(t)]])
+        points, directions = self.shape.contour
+        return Contour(points @ rotation + (self.place.x_mm, self.place.y_mm), directions @ rotation)
+
+
+def placed(shapes: Sequence[Shape | Placed], place: Place) -> list[Placed]:
     """The shapes of a thing's own frame, seen from the frame in which it stands at `place`."""
-    return [shape.moved(place) for shape in shapes]
+    return [Placed(s.shape, place @ s.place) if isinstance(s, Placed) else Placed(s, place) for s in shapes]

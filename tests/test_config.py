@@ -6,6 +6,8 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from cellctl.config import CellConfig, load_config
 from cellctl.strict_toml import SettingsError
@@ -137,7 +139,7 @@ def test_a_host_that_no_device_can_have_is_refused(refused, host):
         ([('mount = "tool"', 'mount = "arm_2"')], ['camera_1.mount: must be "tool" (got "arm_2")']),
         (
             [("mm_per_px = 0.007333", "mm_per_px = 7.333")],
-            ["camera_1.mm_per_px: must be at least 0.0005 and at most 0.2 mm_per_px (got 7.333)"],
+            ["camera_1.mm_per_px: must be at least 0.0005 and at most 0.2 mm per px (got 7.333)"],
         ),
         (
             [("reach_outer_mm = 398", "reach_outer_mm = 401")],
@@ -201,3 +203,34 @@ def test_a_mistake_is_shown_with_its_line_and_column(config, tmp_path):
 def test_a_missing_table_is_named(config, tmp_path):
     with pytest.raises(SettingsError, match="watchdog: this table is missing"):
         config(("[watchdog]", "[other]"))
+
+
+@settings(max_examples=100, deadline=None)
+@given(st.data())
+def test_whatever_values_a_cell_holds_it_is_read_or_refused(tmp_path_factory, data):
+    text = CELL.read_text()
+    values = list(re.finditer(r"""(?<== )(-?[0-9.]+|"[^"\n]*")""", text))
+    for value in sorted(
+        data.draw(st.lists(st.sampled_from(values), max_size=4, unique_by=re.Match.start)),
+        key=re.Match.start,
+        reverse=True,
+    ):
+        other = data.draw(
+            st.one_of(
+                st.floats().map(str),
+                st.integers().map(str),
+                st.text(
+                    st.characters(codec="ascii", exclude_categories=["Cc"], exclude_characters="'"), max_size=30
+                ).map("'{}'".format),
+                st.sampled_from(["'tcp://[::'", "'tcp://1.2.3.4:99999999999'", "'serial:/dev/x?baud='", '"\\u0000"']),
+            )
+        )
+        text = f"{text[: value.start()]}{other}{text[value.end() :]}"
+    path = tmp_path_factory.getbasetemp() / "fuzzed-cell.toml"
+    path.write_text(text)
+    lines: tuple[str, ...] = ()
+    try:
+        load_config(path)
+    except SettingsError as error:
+        lines = error.lines
+    assert all(re.match(r".*\.toml:\d+:\d+: [a-z_0-9.]+: .", line) for line in lines)

@@ -132,7 +132,7 @@ def test_the_hash_changes_with_every_single_value(recipe):
         ),
         (
             {"motion__travel_speed_pct": 0},
-            "motion.travel_speed_pct: must be at least 1 and at most 100 pct (got 0)",
+            "motion.travel_speed_pct: must be at least 1 and at most 100 % (got 0)",
         ),
         ({"schema_version": 2}, "schema_version: must be 1 (got 2)"),
         ({"limits__gap_mm": "nan"}, "limits.gap_mm: must be a finite number (got nan)"),
@@ -188,7 +188,7 @@ def corners_seen(x_mm: float, y_mm: float, search_mm: float, search_deg: float) 
 
 
 @settings(max_examples=150, deadline=None)
-@given(st.floats(-19, 0), st.floats(0, 19), st.floats(0.5, 13), st.floats(-5, 5), st.floats(-5, 5), st.floats(0.5, 3))
+@given(st.floats(-9, 0), st.floats(0, 9), st.floats(4, 9), st.floats(-1, 1), st.floats(1, 5), st.floats(0.5, 2))
 def test_whatever_is_accepted_keeps_the_used_edge_inside_the_picture(
     start_mm, end_mm, distance_mm, view_x_mm, view_y_mm, search_mm
 ):
@@ -209,6 +209,28 @@ def test_whatever_is_accepted_keeps_the_used_edge_inside_the_picture(
         for seen_x_mm, seen_y_mm in corners_seen(*at, accepted.search_mm, accepted.search_deg):
             assert abs(seen_x_mm) <= VIEW_WIDTH_MM / 2 + 1e-9
             assert abs(seen_y_mm) <= VIEW_HEIGHT_MM / 2 + 1e-9
+
+
+@settings(max_examples=100, deadline=None)
+@given(st.data())
+def test_whatever_numbers_a_recipe_holds_it_is_read_or_refused(tmp_path_factory, data):
+    numbers = list(re.finditer(r"(?m)(?<== )-?[0-9.]+", X85))
+    text = X85
+    for number in sorted(
+        data.draw(st.lists(st.sampled_from(numbers), max_size=4, unique_by=re.Match.start)),
+        key=re.Match.start,
+        reverse=True,
+    ):
+        value = data.draw(st.one_of(st.floats(-200, 200), st.floats(), st.integers()))
+        text = f"{text[: number.start()]}{value}{text[number.end() :]}"
+    path = tmp_path_factory.getbasetemp() / "fuzzed.toml"
+    path.write_text(text)
+    lines: tuple[str, ...] = ()
+    try:
+        load_recipe(path.parent, path.stem)
+    except SettingsError as error:
+        lines = error.lines
+    assert all(re.match(r".*\.toml:\d+:\d+: [a-z_.]+: .", line) for line in lines)
 
 
 # Names and folders

@@ -212,6 +212,7 @@ def test_a_second_definition_is_refused_with_the_line_of_the_first(refused, text
         ("settle_s = 0,5", "1:13: settle_s: a number has a decimal point, not a comma"),
         ("settle_s = 1 2", "1:14: settle_s: expected newline or end of document after a statement"),
         (r'name = "\q"', r"1:11: name: unescaped '\' in a string"),
+        ("main = {count = 1} 2", "1:20: main: expected newline or end of document after a statement"),
         ("= 1", "1:1: invalid statement"),
         ("flat = true\rname", "1:12: flat: expected newline or end of document after a statement"),
     ],

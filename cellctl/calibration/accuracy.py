@@ -58,7 +58,7 @@ def point_jacobian(camera: PlaneMap, point: Px) -> FloatArray:
     by_parameter[:, 4:6] = lens
     by_parameter[:, 9] = radius2 * away
     by_parameter[:, 10:12] = np.eye(2) - lens
-    return -np.linalg.solve(lens @ matrix, by_parameter)
+    return np.asarray(-np.linalg.solve(lens @ matrix, by_parameter), np.float64)
 
 
 def predict(camera: PlaneMap, parameters: FloatArray, centre: Px) -> Predicted:

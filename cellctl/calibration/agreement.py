@@ -9,7 +9,7 @@ from typing import NoReturn
 import numpy as np
 
 from cellctl.calibration.errors import PosesDisagree
-from cellctl.calibration.problem import Fit, Problem, fit_problem, pose_fits, poses_out, prediction_error_mm
+from cellctl.calibration.problem import WORST_SD, Fit, Problem, fit_problem, pose_fits, poses_out, prediction_error_mm
 from cellctl.calibration.scara import Kind
 
 MOST_OUTLIERS = 0.25  # more poses out than this part: not outliers, something common is wrong
@@ -41,7 +41,10 @@ def _other_conventions(problem: Problem) -> Iterator[tuple[str, Problem]]:
     x, y, r = problem.poses.T
     other: Kind = "eye_to_hand" if problem.kind == "eye_in_hand" else "eye_in_hand"
     yield "the sign of the robot's R is wrong", problem._replace(poses=np.column_stack([x, y, -r]))
-    yield "the sign of the robot's X or Y is wrong", problem._replace(poses=np.column_stack([x, -y, r]))
+    yield (
+        "the sign of the robot's X or Y is wrong, or X and Y are swapped",
+        problem._replace(poses=np.column_stack([x, -y, r])),
+    )
     yield "the board is read mirrored", problem._replace(poses=np.column_stack([x, -y, -r]))
     yield f"the camera is described as {problem.kind} but is {other}", problem._replace(kind=other)
 
@@ -56,21 +59,29 @@ def _blame_outliers(fit: Fit) -> None:
         if not without:
             return
         worst = min(without, key=lambda i: without[i].cost)
-        fit_all, fit = fit, without[worst]
-        away_um = float(np.hypot(*prediction_error_mm(fit, fit_all.problem.only([worst]))[0])) * 1000
+        seen = _how_seen(fit, without[worst], worst)
+        fit = without[worst]
         taken.append(keep.pop(worst))
         if _agrees(fit):
-            _blame_poses(taken, away_um, len(keep))
+            _blame_poses(taken, seen, len(keep))
 
 
-def _blame_poses(taken: list[int], away_um: float, rest: int) -> NoReturn:
+def _how_seen(fit: Fit, rest: Fit, index: int) -> str:
+    """What is odd about one pose: its dots, or where they are all together."""
+    rms_px = pose_fits(fit)[index].rms_px
+    if rms_px > WORST_SD * fit.problem.noise.dot_sd_px:
+        return f"the dots fit the board to {rms_px:.2f} px rms only"
+    away_mm = prediction_error_mm(rest, fit.problem.only([index]))[0]
+    return f"the board is seen {float(np.hypot(*away_mm)) * 1000:.0f} um from its place"
+
+
+def _blame_poses(taken: list[int], seen: str, rest: int) -> NoReturn:
     taken = sorted(taken)
     names = ", ".join(str(i + 1) for i in taken)
-    far = f"the board is {away_um:.0f} um away from" if len(taken) == 1 else "the board is not"
     raise PosesDisagree(
         "outlier",
-        f"at pose{'s' * (len(taken) > 1)} {names} {far} where the other {rest} poses expect it: take the picture "
-        "again; if it stays, look for play, a collision, or dirt on the board",
+        f"pose{'s' * (len(taken) > 1)} {names} against the other {rest}: {seen}; take the picture again, and if it "
+        "stays look for play, a collision, or dirt on the board",
         poses=tuple(taken),
     )
 

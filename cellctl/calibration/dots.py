@@ -138,22 +138,25 @@ def _board_order(lattice: Lattice, found: Candidates, board: DotBoard, mirrored:
         )
     from_corner = np.abs(places - corner)
     steps = lattice.steps_px * np.where(corner == 0, 1, -1)[:, None]
-    swap = bool(size[0] != board.columns) or (
-        board.columns == board.rows and bool(np.linalg.det(steps) < 0) != mirrored
-    )
-    if swap:
+    square = board.columns == board.rows  # such a board may be read along either side: take the one as described
+    if lattice.size[0] != board.columns or (square and _is_mirrored(steps) != mirrored):
         from_corner, steps = from_corner[:, ::-1], steps[::-1]
-    if bool(np.linalg.det(steps) < 0) != mirrored:
+    if _is_mirrored(steps) != mirrored:
+        seen, described = ("as it is", "mirrored") if mirrored else ("mirrored", "as it is")
         raise BoardNotFound(
             "mirrored",
-            f"the board appears {'as it is' if mirrored else 'mirrored'}, but this camera is described as seeing it "
-            f"{'mirrored' if mirrored else 'as it is'}: is the plate upside down, the picture flipped, or the wrong camera set?",
+            f"the board appears {seen}, but this camera is described as seeing things {described}: is the plate "
+            "upside down, the picture flipped, or the wrong camera set?",
             seen=len(areas),
             wanted=board.count,
         )
     order = np.empty(board.count, dtype=np.int64)
     order[from_corner[:, 1] * board.columns + from_corner[:, 0]] = lattice.members
     return order
+
+
+def _is_mirrored(steps_px: FloatArray) -> bool:
+    return bool(np.linalg.det(steps_px) < 0)
 
 
 def _measure(pixels: Pixels, found: Candidates, order: NDArray[np.int64], board: DotBoard) -> list[Spot]:

@@ -149,7 +149,8 @@ def distort(undistorted_px: FloatArray, k1: float, centre: FloatArray) -> FloatA
     away = undistorted_px - centre
     radius2 = (away**2).sum(-1, keepdims=True)
     _check_radius(radius2, _usable_radius(k1), k1)
-    return undistorted_px + away * (k1 * radius2)
+    distorted: FloatArray = undistorted_px + away * (k1 * radius2)
+    return distorted
 
 
 def undistort(distorted_px: FloatArray, k1: float, centre: FloatArray) -> FloatArray:
@@ -164,7 +165,8 @@ def undistort(distorted_px: FloatArray, k1: float, centre: FloatArray) -> FloatA
         ratio -= step
         if np.all(np.abs(step) < 1e-16):
             break
-    return centre + away * ratio
+    undistorted: FloatArray = centre + away * ratio
+    return undistorted
 
 
 def _usable_radius(k1: float) -> float:

@@ -100,7 +100,7 @@ def fit_problem(problem: Problem) -> Fit:
     """Linear start and bundle, without judging."""
     linear = linear_start(problem.kind, problem.poses, problem.dots_px, problem.board_mm)
     centre = (np.array(problem.picture_px) - 1) / 2
-    pivot = np.linalg.lstsq(linear.matrix, centre - linear.offset, rcond=None)[0]
+    pivot = np.asarray(np.linalg.lstsq(linear.matrix, centre - linear.offset, rcond=None)[0], np.float64)
     bundle = Bundle(problem.kind, problem.poses, problem.board_mm, problem.noise, pivot, centre)
     return Fit(problem, bundle, linear, solve(bundle, bundle.start(linear), problem.dots_px))
 
@@ -132,4 +132,5 @@ def prediction_error_mm(fit: Fit, unseen: Problem) -> FloatArray:
     bundle = replace(fit.bundle, poses=unseen.poses)
     x = np.concatenate([fit.x[:SHARED], np.zeros(3 * len(unseen.poses))])
     away_px = (unseen.dots_px - bundle.px(x)).mean(1)
-    return np.linalg.lstsq(fit.x[:4].reshape(2, 2), away_px.T, rcond=None)[0].T
+    away_mm: FloatArray = np.linalg.lstsq(fit.x[:4].reshape(2, 2), away_px.T, rcond=None)[0].T
+    return away_mm

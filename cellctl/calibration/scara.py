@@ -86,9 +86,12 @@ def pose_array(poses: Sequence[Pose]) -> FloatArray:
 def plane_points_mm(kind: Kind, board: FloatArray, poses: FloatArray, board_mm: FloatArray) -> FloatArray:
     """Board points (m, 2) in the camera's plane, (n, m, 2) mm, for a board at (3,) and robot poses (n, 3), rad."""
     fixed = board[:2] + board_mm @ rotation(float(board[2])).T
+    place = poses[:, None, :2]
     if kind == "eye_in_hand":
-        return np.einsum("nij,nmj->nmi", rotation(-poses[:, 2]), fixed[None] - poses[:, None, :2])
-    return poses[:, None, :2] + np.einsum("nij,mj->nmi", rotation(poses[:, 2]), fixed)
+        seen: FloatArray = np.einsum("nij,nmj->nmi", rotation(-poses[:, 2]), fixed - place)
+    else:
+        seen = place + np.einsum("nij,mj->nmi", rotation(poses[:, 2]), fixed)
+    return seen
 
 
 def linear_start(
@@ -195,7 +198,8 @@ class Bundle:
         """The board's points in the picture, (n, m, 2)."""
         undistorted = (self.plane_mm(x) - self.pivot_mm) @ x[:4].reshape(2, 2).T + x[4:6]
         away = undistorted - x[10:12]
-        return undistorted + away * (x[9] * (away**2).sum(-1, keepdims=True))
+        distorted: FloatArray = undistorted + away * (x[9] * (away**2).sum(-1, keepdims=True))
+        return distorted
 
     def residuals(self, x: FloatArray, dots_px: FloatArray) -> FloatArray:
         """Everything over its sigma: dots, then the poses' corrections, then the lens."""

@@ -1,0 +1,61 @@
+"""The first look: three pictures tell roughly how the camera stands, so that the real poses can be planned."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from cellctl.calibration.board import DotBoard
+from cellctl.calibration.errors import PosesDisagree
+from cellctl.calibration.plane_map import PlaneMap
+from cellctl.calibration.scara import FloatArray, Setup, linear_start, pose_array, rotation
+from cellctl.calibration.view import picture_centre_px
+from cellctl.geometry import Pose, wrap_deg
+
+MOST_ROUGH_SCALE_ERROR = 0.05
+
+
+def rough_steps(
+    drawn: Setup, start: Pose, dots_px: FloatArray, picture_px: tuple[int, int], step_mm: float = 2.0
+) -> tuple[Pose, Pose]:
+    """One step in X and one in Y from the start, each to the side that brings the board nearer to the middle.
+
+    `dots_px` (m, 2) was seen at the start. Only the drawn direction and mirroring of the camera are relied on.
+    """
+    to_middle_px = picture_centre_px(picture_px) - dots_px.mean(0)
+    to_middle_mm = np.linalg.solve(drawn.plane_map.matrix, to_middle_px)
+    if drawn.kind == "eye_in_hand":  # the board moves in the picture against the camera
+        to_middle_mm = -rotation(math.radians(start.t_deg)) @ to_middle_mm
+    dx, dy = np.copysign(step_mm, to_middle_mm).tolist()
+    return start._replace(x_mm=start.x_mm + dx), start._replace(y_mm=start.y_mm + dy)
+
+
+def rough_setup(
+    drawn: Setup,
+    poses: Sequence[Pose],
+    dots_px: FloatArray,
+    board: DotBoard,
+    picture_px: tuple[int, int],
+) -> Setup:
+    """Where camera and board are, to some 0.1 mm in the picture, from pictures at the start, +dx and +dy.
+
+    The camera's scale, direction and mirroring come from the pictures. How its place splits from the board's cannot
+    be seen without turning, so that remains as drawn; further pictures with the tool turned settle that as well.
+    Raises PosesDisagree when the board's size and the robot's travel contradict each other.
+    """
+    centre = picture_centre_px(picture_px)
+    table = pose_array(poses)
+    if len(poses) < 3 or np.linalg.matrix_rank(table[:, :2] - table[0, :2], tol=0.1) < 2:
+        raise ValueError("rough setup: three pictures are needed: the start, a step in X and a step in Y")
+    found = linear_start(drawn.kind, table, dots_px, board.points_mm, (drawn, centre))
+    if abs(found.scale - 1) > MOST_ROUGH_SCALE_ERROR:
+        raise PosesDisagree(
+            "rough scale",
+            f"the board's drawn size is {found.scale:.2f} times what the robot's travel says: check the board that "
+            "is described, the signs of the robot's X and Y, and whether the picture is mirrored",
+        )
+    camera = PlaneMap.from_arrays(found.matrix, found.offset, 0.0, centre)
+    x_mm, y_mm = found.board_mm.tolist()
+    return Setup(drawn.kind, camera, Pose(x_mm, y_mm, wrap_deg(math.degrees(found.board_rad))))
