@@ -94,15 +94,17 @@ def check(config: Path, as_json: bool) -> None:
 
 
 @cli.command()
-@option("--speed", type=click.FloatRange(1, 100), default=1.0, show_default=True, help="World seconds per second.")
-@option("--units", type=click.IntRange(1), default=10, show_default=True, help="How many units to assemble.")
-@option("--seed", type=int, default=1, show_default=True, help="Seed of the simulated world.")
-@option("--out", type=FILE, default=Path("demo-out"), show_default=True, help="Folder for records and pictures.")
-def demo(speed: float, units: int, seed: int, out: Path) -> None:
-    """Assemble units in a simulated cell, live, with the real controller and the real protocols."""
-    from cellctl.demo import main as demo_main
+@option("--speed", type=click.FloatRange(1, 100), default=10.0, show_default=True, help="World seconds per second.")
+@option("--units", type=click.IntRange(1), default=20, show_default=True, help="How many units to assemble.")
+@option("--seed", type=int, default=1, show_default=True, help="Which simulated cell.")
+@option("--repeats", type=click.IntRange(1, 100), default=5, show_default=True, help="How often it is taught.")
+@option("--recipe", default="x85", show_default=True, help="Which phone model.")
+@option("--out", type=FILE, default=Path("demo"), show_default=True, help="Folder for records and pictures; emptied.")
+def demo(**options: Any) -> None:
+    """Calibrate, teach and assemble in a simulated cell, live, with the real controller and the real protocols."""
+    from cellctl.demo import Options, main
 
-    end(demo_main(speed=speed, units=units, seed=seed, out=out))
+    end(main(Options(**options)))
 
 
 @cli.command(add_help_option=False, context_settings={"ignore_unknown_options": True})

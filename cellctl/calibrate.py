@@ -5,10 +5,13 @@ it once about the tool for the rotation centre, and puts it back. Nothing is sav
 """
 
 import asyncio
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Literal
 
+import cv2
 import numpy as np
 
 from cellctl.calibration.board import DotBoard
@@ -16,23 +19,24 @@ from cellctl.calibration.dots import find_dots
 from cellctl.calibration.errors import CalibrationError
 from cellctl.calibration.hand_eye import HandEye, solve_hand_eye
 from cellctl.calibration.plan import PlanRequest, plan_hand_eye, plan_tool_centre
+from cellctl.calibration.report import Acceptance, report_picture, report_text, shortcomings, tool_centre_text
 from cellctl.calibration.rough import rough_setup, rough_steps
 from cellctl.calibration.scara import FloatArray, Noise, Setup
 from cellctl.calibration.tool_centre import ToolCentre, solve_tool_centre
 from cellctl.calibration.view import drawn_setup, start_pose
 from cellctl.config import CameraConfig, CellConfig
-from cellctl.control import Event, job_event, progress_event
+from cellctl.events import Event, job_event, progress_event
 from cellctl.faults import BatteryLost, CalibrationFailed, CellError
 from cellctl.geometry import Pose
-from cellctl.hand import Hand, commanded, lights
+from cellctl.hand import Hand, commanded, seeing
 from cellctl.log import log
+from cellctl.recipe import Recipe
 from cellctl.references import CameraCalibration, now, read_calibration
 from cellctl.sight import grab
 from drivers.camera import Camera
 from drivers.errors import DeviceError
 
 What = Literal["camera-1", "camera-2", "tool"]
-MOST_CENTRE_ERROR_UM = 30.0
 
 
 @dataclass(frozen=True)
@@ -57,6 +61,7 @@ class Calibration:
 
     config: CellConfig
     what: What
+    recipe: Recipe  # for exposure and motion
     hand: Hand
     publish: Callable[[Event], None]
     ends_with_its_unit = False
@@ -69,7 +74,7 @@ class Calibration:
     async def run(self, keep_on: Callable[[], bool]) -> None:
         """Do it. Raises CalibrationFailed with the check that failed and its figures."""
         try:
-            async with lights(self.hand.devices):
+            async with seeing(self.hand.devices, self.recipe):
                 await self.hand.clear_away()
                 text = await self._run()
         except CalibrationError as error:
@@ -83,16 +88,21 @@ class Calibration:
 
     async def _run(self) -> str:
         if self.what == "camera-1":
-            return self._passed(self.camera_1, await self._hand_eye(self.camera_1, self._drawn_1()), None)
+            return await self._passed(self.camera_1, await self._hand_eye(self.camera_1, self._drawn_1()))
         await self._take_plate()
         try:
-            if self.what == "tool":
-                return await self._tool_only()
-            result = await self._hand_eye(self.camera_2, self._drawn_2())
-            centre = await self._tool_centre(result.setup, result)
+            return await self._with_plate()
         finally:
             await self._return_plate()
-        return self._passed(self.camera_2, result, centre)
+
+    async def _with_plate(self) -> str:
+        """Camera 2 and the rotation centre, or the rotation centre alone against the calibration in force."""
+        if self.what == "tool":
+            inforce = read_calibration(self.config, "camera-2")
+            centre = await self._tool_centre(Setup("eye_to_hand", inforce.plane, inforce.target))
+            return f"tool: {_centre_text(centre)}"
+        result = await self._hand_eye(self.camera_2, self._drawn_2())
+        return await self._passed(self.camera_2, result, await self._tool_centre(result.setup))
 
     # -- the two cameras as drawn ------------------------------------------------------------------------------
 
@@ -168,14 +178,11 @@ class Calibration:
         found = await asyncio.to_thread(find_dots, frame.pixels, self.board, mirrored=eye.mirrored)
         return found.centres_px
 
-    def _passed(self, eye: Eye, result: HandEye, centre: ToolCentre | None) -> str:
-        """Save what has passed the gate. Raises CalibrationFailed."""
-        limit_um = self.config.calibration.max_hold_out_um
-        if result.hold_out_um > limit_um:
-            raise CalibrationFailed(
-                f"{eye.name}: poses left out of the fit are missed by {result.hold_out_um:.1f} um, "
-                f"allowed are {limit_um:g} um"
-            )
+    async def _passed(self, eye: Eye, result: HandEye, centre: ToolCentre | None = None) -> str:
+        """Save what has passed the gate, with its report. Raises CalibrationFailed."""
+        limits = Acceptance(hold_out_um=self.config.calibration.max_hold_out_um)
+        if objections := shortcomings(result, limits):
+            raise CalibrationFailed(f"{eye.name}: {'; '.join(objections)}")
         calibration = CameraCalibration(
             made_at=now(),
             camera=eye.name,
@@ -188,11 +195,12 @@ class Calibration:
             hold_out_um=result.hold_out_um,
             predicted_sd_um=result.predicted.absolute_um,
             note=result.note,
-            rotation_centre_um=centre.error_um if centre else None,
+            rotation_centre_um=math.hypot(centre.map_dx_um, centre.map_dy_um) if centre else None,
         )
-        calibration.save(CameraCalibration.path(self.config.paths.state, eye.name))
-        text = f"{eye.name}: rms {result.rms_px:.3f} px, hold-out {result.hold_out_um:.1f} um"
-        return f"{text}, rotation centre {centre.error_um:.1f} um off" if centre else text
+        path = CameraCalibration.path(self.config.paths.state, eye.name)
+        await asyncio.to_thread(_save, calibration, path, result, centre)
+        brief = f"{eye.name}: rms {result.rms_px:.3f} px, hold-out {result.hold_out_um:.1f} um"
+        return f"{brief}, {_centre_text(centre)}" if centre else brief
 
     # -- the dot plate and the tool's rotation centre ----------------------------------------------------------
 
@@ -212,17 +220,12 @@ class Calibration:
         nest, (x_mm, y_mm) = self.config.positions.nest, self.board.centre_mm.tolist()
         return commanded(Pose(nest.x_mm, nest.y_mm, nest.t_deg) @ Pose(x_mm, y_mm, 0.0))
 
-    async def _tool_centre(self, setup: Setup, result: HandEye) -> ToolCentre:
-        """Pure rotations at one place; the centre that they turn about, against the hand-eye's."""
+    async def _tool_centre(self, setup: Setup) -> ToolCentre:
+        """Pure rotations at one place: the centre that they turn about, against the map's."""
         eye = self.camera_2
         poses = [commanded(pose) for pose in plan_tool_centre(setup, self.board, eye.picture_px, self._reaches)]
         dots = await self._pictures(eye, poses)
-        return solve_tool_centre(poses, dots, self.board.points_mm, result, self.noise)
-
-    async def _tool_only(self) -> str:
-        """Check the rotation centre against the calibration in force."""
-        calibration = read_calibration(self.config, "camera-2")
-        raise NotImplementedError(calibration.id)
+        return solve_tool_centre(poses, dots, self.board.points_mm, setup.plane_map, self.noise)
 
     # -- small things ------------------------------------------------------------------------------------------
 
@@ -238,3 +241,16 @@ class Calibration:
 
     def _say(self, text: str) -> None:
         self.publish(progress_event("calibrate", text))
+
+
+def _centre_text(centre: ToolCentre) -> str:
+    away_um = math.hypot(centre.map_dx_um, centre.map_dy_um)
+    return f"rotation centre {away_um:.1f} um from the map's (+-{centre.sd_um:.1f} um)"
+
+
+def _save(calibration: CameraCalibration, path: Path, result: HandEye, centre: ToolCentre | None) -> None:
+    """The calibration, and beside it its report for people."""
+    calibration.save(path)
+    report = report_text(result) + (f"\n{tool_centre_text(centre, result)}" if centre else "")
+    path.with_suffix(".txt").write_text(report + "\n", encoding="utf-8")
+    cv2.imwrite(str(path.with_suffix(".png")), report_picture(result))

@@ -11,9 +11,9 @@ from collections.abc import AsyncIterator, Awaitable, Callable
 from typing import Any, Protocol
 
 from cellctl.config import CellConfig
-from cellctl.hand import COMMAND_WITHIN_S, Devices, lift_free
-from cellctl.control import Event, state_event
+from cellctl.events import Event, state_event
 from cellctl.faults import CellError, NotReady, Reaction, SafetyLost, fault_for, sentence
+from cellctl.hand import COMMAND_WITHIN_S, Devices, lift_free
 from cellctl.log import log
 from cellctl.machine import (
     ACTING,
@@ -30,6 +30,7 @@ from drivers.errors import DeviceError
 
 ENDING_WITHIN_S = 60.0
 READY_WITHIN_S = 5.0
+TICK_S = 0.2
 AT_REST = {State.STOPPED, State.ABORTED, State.ABORTING, State.CLEARING}
 ENDING = {State.STOPPING, State.HOLDING, State.SUSPENDING, State.COMPLETING}
 REACTIONS = {Reaction.SUSPEND: Command.SUSPEND, Reaction.HOLD: Command.HOLD}
@@ -138,7 +139,6 @@ class Cell:
             group.create_task(self._watch_safety())
             group.create_task(self._show())
             while True:
-                self.turns += 1
                 await self._act_once()
 
     async def shut_down(self) -> None:
@@ -154,21 +154,23 @@ class Cell:
         await self._cancel_work()
 
     async def _act_once(self) -> None:
-        """One state: do its act, or wait for the next one."""
+        """One state: do its act, or wait for the next one. Every wait in an act has a deadline of its own."""
         state = self.state
-        act = self._acts.get(state)
-        if act is None:
-            with contextlib.suppress(TimeoutError):
-                await asyncio.wait_for(self._change(), 1.0)
-            return
+        act = self._acts.get(state, self._wait)
         task = asyncio.ensure_future(act())
         changed = asyncio.ensure_future(self._change())
         try:
-            await asyncio.wait([task, changed], return_when=asyncio.FIRST_COMPLETED)
+            while not task.done() and not changed.done():
+                self.turns += 1
+                await asyncio.wait([task, changed], timeout=TICK_S, return_when=asyncio.FIRST_COMPLETED)
         finally:
-            changed.cancel()
+            await self._ended(changed)
             await self._ended(task)
         self._judge(state, task)
+
+    async def _wait(self) -> None:
+        """The states that do not act."""
+        await self._change()
 
     def _judge(self, state: State, task: "asyncio.Future[None]") -> None:
         """What follows from the end of an act."""
@@ -177,7 +179,7 @@ class Cell:
             if not isinstance(error, Exception):
                 raise error
             self._fault(error)
-        elif self.state is state and not task.cancelled():
+        elif self.state is state and state in ACTING and not task.cancelled():
             self._enter(after(state, SC), self.message)
 
     def _fault(self, error: Exception) -> None:
@@ -202,13 +204,13 @@ class Cell:
         self._changed.set()
         self._changed = asyncio.Event()
         log.info(f"state {state.title}", why=why, state_number=int(state))
-        self._publish(state_event(state.title, int(state), self.mode.title, why))
+        self._publish(state_event(state, self.mode, why))
 
     async def _change(self) -> None:
         await self._changed.wait()
 
     @staticmethod
-    async def _ended(task: "asyncio.Future[None]") -> None:
+    async def _ended(task: "asyncio.Future[Any]") -> None:
         """Cancel if still running, and wait until it is gone."""
         task.cancel()
         await asyncio.wait([task])
@@ -246,15 +248,17 @@ class Cell:
         assert self._work is not None
         if self._task is None:
             self._task = asyncio.create_task(self._work.run(lambda: self.state is State.EXECUTE))
-        await asyncio.shield(self._task)
-        self._task = None
+        try:
+            await asyncio.shield(self._task)
+        finally:
+            if self._task.done():  # else the next state decides about it
+                self._task = None
 
     async def _end_work(self) -> None:
         """Let the unit in progress end; other work is cancelled. The arm stands afterwards."""
         if self._task is not None and self._work is not None and self._work.ends_with_its_unit:
             async with asyncio.timeout(ENDING_WITHIN_S):
-                await asyncio.shield(self._task)
-            self._task = None
+                await asyncio.wait([self._task])
         await self._cancel_work()
 
     async def _abort(self) -> None:
@@ -266,11 +270,12 @@ class Cell:
             await self.devices.plc.stop_conveyor(within_s=COMMAND_WITHIN_S)
 
     async def _cancel_work(self) -> None:
+        """Work that is still running is cancelled; why it ended is in the log."""
         task, self._task = self._task, None
         if task is not None:
             await self._ended(task)
             if not task.cancelled() and (error := task.exception()) is not None:
-                log.info(f"the work ended with: {error}")
+                log.error(sentence(error), fault=fault_for(error).code)
 
     async def _open_devices(self) -> None:
         """Connect to everything anew, so that nothing is remembered from before a fault."""
@@ -293,7 +298,7 @@ class Cell:
                 await asyncio.wait([unsafe, changed], return_when=asyncio.FIRST_COMPLETED)
                 if unsafe.done() and self.state not in AT_REST:
                     self._fault(SafetyLost(unsafe.result()))
-                await self._ended(unsafe)  # type: ignore[arg-type]
+                await self._ended(unsafe)
 
     @contextlib.asynccontextmanager
     async def _until_change(self) -> AsyncIterator["asyncio.Future[None]"]:

@@ -7,7 +7,7 @@ import asyncio
 import contextlib
 import json
 import sys
-from collections.abc import AsyncIterator, Callable, Mapping, Sequence
+from collections.abc import AsyncGenerator, AsyncIterator, Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -40,7 +40,7 @@ async def call(path: Path, request: Mapping[str, object], within_s: float = CALL
         raise NotReachable(f"the daemon did not answer within {within_s:g} s at {path}; look at its log") from None
 
 
-async def watch(path: Path) -> AsyncIterator[Reply]:
+async def watch(path: Path) -> AsyncGenerator[Reply, None]:
     """Events as they happen; the first is {"event": "status", ...}. Close it with aclosing().
 
     Raises NotReachable when the daemon ends or falls silent, RequestFailed when we read too slowly.
@@ -108,21 +108,25 @@ Show = Callable[[Reply], None]
 
 
 async def wait_for_job(path: Path, request: Mapping[str, object], show: Show) -> bool:
-    """Start a job (calibrate, teach) and show its progress until it has ended; whether it went well."""
-    async with contextlib.aclosing(watch(path)) as events:  # type: ignore[type-var]
+    """Start a job and show what happens until it has ended; whether it went well.
+
+    A job has the name of its verb (calibrate, teach). One that is stopped or aborted ends with the machine.
+    """
+    async with contextlib.aclosing(watch(path)) as events:
         await anext(events)
-        job = (await call(path, request))["job"]
+        await call(path, request)
         async for event in events:
-            if event.get("job") == job:
-                show(event)
-                if event["event"] == "job":
-                    return bool(event["ok"])
+            show(event)
+            if event["event"] == "job" and event["job"] == request["verb"]:
+                return bool(event["ok"])
+            if event["event"] == "state" and event["state"] in OVER:
+                return OVER[event["state"]]
     raise NotReachable("the daemon ended before the job did")
 
 
 async def wait_for_run(path: Path, requests: Sequence[Mapping[str, object]], show: Show) -> bool:
     """Start production and show states and units until the run is over; whether it was completed."""
-    async with contextlib.aclosing(watch(path)) as events:  # type: ignore[type-var]
+    async with contextlib.aclosing(watch(path)) as events:
         await anext(events)
         for request in requests:
             await call(path, request)
@@ -164,8 +168,7 @@ def print_event(event: Mapping[str, object]) -> None:
     words = [str(event[key]) for key in ("state", "unit", "verdict", "job") if event.get(key)]
     if event["event"] == "job":
         words.append("done:" if event["ok"] else "failed:")
-    words += [str(event[key]) for key in ("why", "sentence", "text") if event.get(key)]
-    _write(" ".join(words))
+    _write(" ".join([*words, str(event.get("text", ""))]).rstrip())
     if event.get("asks"):
         _write("  when it is done: cellctl proceed")
 

@@ -4,7 +4,7 @@ Asked:     {"version": 1, "verb": "command", "name": "start"}
 Answered:  {"version": 1, "ok": true, "reply": {...}}  or  {"version": 1, "ok": false, "code": "...", "error": "..."}
 Codes:     bad_request, refused, late, busy
 
-Events:    {"event": "state", "state": "Execute", "state_number": 6, "why": "..."}, and "unit", "progress", "job"
+Events:    {"event": "state", "state": "Execute", "number": 6, "text": "..."}, and "unit", "progress", "job"
 
 One request at a time per connection. After `watch` the connection only carries events, one JSON object per line; a
 client that does not read them fast enough is told so and dropped. Who may ask is decided by the socket's owner,
@@ -59,6 +59,16 @@ class Peer(NamedTuple):
 
 
 # -- events ------------------------------------------------------------------------------------------------
+
+
+def state_event(state: str, number: int, mode: str, text: str = "") -> Event:
+    """The machine is in another state; `text` says why."""
+    return {"event": "state", "state": state, "number": number, "mode": mode, "text": text}
+
+
+def unit_event(unit: str, verdict: str, text: str, data: Mapping[str, object] | None = None) -> Event:
+    """A unit has its final record."""
+    return {"event": "unit", "unit": unit, "verdict": verdict, "text": text, "data": dict(data or {})}
 
 
 def progress_event(job: str, text: str, *, asks: str | None = None) -> Event:

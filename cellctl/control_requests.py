@@ -1,5 +1,6 @@
 """What may be asked over the control socket, one model per verb. Strict: a key or type that is not here is refused."""
 
+import textwrap
 from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
@@ -8,6 +9,7 @@ from cellctl.machine import Command, Mode
 
 VERSION = 1
 MAX_LINE = 64 * 1024
+LONGEST_SENTENCE = 300
 
 
 class BadRequest(Exception):
@@ -116,4 +118,9 @@ def parse_request(line: bytes) -> Request | WatchRequest:
         first = error.errors(include_url=False)[0]
         where = ".".join(str(part) for part in first["loc"])
         got = "" if first["type"] in ("missing", "json_invalid") else f" (got {first['input']!r:.60})"
-        raise BadRequest(f"{where + ': ' if where else ''}{first['msg']}{got}") from None
+        raise BadRequest(_sentence(f"{where + ': ' if where else ''}{first['msg']}{got}")) from None
+
+
+def _sentence(text: str) -> str:
+    """On one line, and no longer than a person reads, whatever was sent."""
+    return textwrap.shorten(text, LONGEST_SENTENCE, placeholder=" ...")

@@ -18,7 +18,7 @@ from cellctl.control import ControlServer
 from cellctl.hand import Devices
 from cellctl.journal import Journal
 from cellctl.journal_file import FILE_NAME as JOURNAL_NAME
-from cellctl.log import FILE_NAME as LOG_NAME
+from cellctl.lines import FILE_NAME as LOG_NAME
 from cellctl.log import configure, log
 from cellctl.pictures import Pictures
 from cellctl.session import Session
@@ -64,7 +64,8 @@ async def run(config_path: Path, state: Path | None = None) -> int:
     config = load_config(config_path)
     if state is not None:
         config = with_state(config, state)
-    records = configure(config.paths.log / LOG_NAME, config.log.level, rotate_mb=config.log.rotate_mb, keep=config.log.keep)
+    wanted = config.log
+    records = configure(config.paths.log / LOG_NAME, wanted.level, rotate_mb=wanted.rotate_mb, keep=wanted.keep)
     cv2.setNumThreads(1)  # one picture, one core: least jitter
     try:
         config.paths.state.mkdir(parents=True, exist_ok=True)
@@ -89,9 +90,10 @@ def with_state(config: CellConfig, state: Path) -> CellConfig:
 async def _serve(config: CellConfig, journal: Journal) -> int:
     devices = build_devices(config)
     pictures = Pictures(config.paths.state / "pictures")
-    control = ControlServer(config.paths.control_socket, lambda request: session.handle(request))
+    session = Session(config, devices, journal, pictures)
+    control = ControlServer(config.paths.control_socket, session.handle)
     cell = Cell(config, devices, control.publish)
-    session = Session(config, cell, devices, journal, pictures, control.publish)
+    session.attach(cell, control.publish)
     config.paths.control_socket.parent.mkdir(parents=True, exist_ok=True)
     control.open()
     stop = asyncio.Event()

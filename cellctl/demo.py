@@ -213,7 +213,7 @@ class Stage:
         if event["event"] != "state":
             return False
         if event["state"] in {"Aborted", "Held", "Suspended", "Stopped"}:
-            raise DemoFailed(f"the cell went to {event['state']}: {event['text']} (log: {self.state}/log)")
+            raise DemoFailed(f"the cell went to {event['state']}: {event['why']} (log: {self.state}/log)")
         return bool(event["state"] == "Complete")
 
     # -- the person at the cell --------------------------------------------------------------------------------

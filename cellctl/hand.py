@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from cellctl.config import Positions
 from cellctl.faults import PickFailed, VacuumStuck
 from cellctl.geometry import Pose
-from cellctl.recipe import Motion, Pick, PlaceStep
+from cellctl.recipe import Motion, Pick, PlaceStep, Recipe
 from drivers.camera import Camera
 from drivers.errors import DeviceError, NoAnswer
 from drivers.plc import Plc
@@ -62,13 +62,14 @@ class Hand:
 
     async def suck(self, at: Pose, z_mm: float) -> None:
         """Touch, suck, lift; touch again as often as the recipe allows. Raises PickFailed."""
-        for _ in range(self.pick.retries + 1):
+        for attempt in range(self.pick.retries + 1):
             await self.lower(at, z_mm)
             failed = await self._seal()
             await self.lift(at)
             if failed is None:
                 return
-        raise failed
+            if attempt == self.pick.retries:
+                raise failed
 
     async def _seal(self) -> PickFailed | None:
         plc, within_s = self.devices.plc, self.pick.vacuum_within_s
@@ -148,8 +149,10 @@ async def lift_free(robot: Robot, safe_z_mm: float) -> None:
 
 
 @asynccontextmanager
-async def lights(devices: Devices) -> AsyncIterator[None]:
-    """Both lights are on as long as there is work."""
+async def seeing(devices: Devices, recipe: Recipe) -> AsyncIterator[None]:
+    """Exposures as in the recipe, and both lights on as long as there is work."""
+    for camera, part in ((devices.camera_1, recipe.base), (devices.camera_2, recipe.battery)):
+        await camera.configure(exposure_us=part.exposure_us, gain_db=part.gain_db)
     await devices.plc.light(1, True)
     await devices.plc.light(2, True)
     try:

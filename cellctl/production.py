@@ -2,17 +2,17 @@
 
 import asyncio
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 
-from cellctl.control import unit_event
 from cellctl.cycle import Job, Unit, assemble
+from cellctl.events import Event, unit_event
 from cellctl.faults import CellError, Reaction, fault_for, sentence
-from cellctl.hand import COMMAND_WITHIN_S, lights
+from cellctl.hand import COMMAND_WITHIN_S, seeing
 from cellctl.journal import Record, Verdict
 from cellctl.log import StepTime, bound, log, trace
 from drivers.errors import DeviceError
 
-Publish = Callable[[Mapping[str, object]], None]
+Publish = Callable[[Event], None]
 
 
 class Production:
@@ -35,7 +35,7 @@ class Production:
 
     async def run(self, keep_on: Callable[[], bool]) -> None:
         """Units, until there are enough or somebody wants it to end."""
-        async with lights(self._job.hand.devices):
+        async with seeing(self._job.hand.devices, self._job.recipe):
             await self._job.hand.clear_away()
             while keep_on() and not (self._limit and self.done >= self._limit):
                 await self._one_unit()

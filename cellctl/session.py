@@ -9,10 +9,10 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import partial
 
-from cellctl.calibrate import Calibration
+from cellctl.calibrate import Calibration, What
 from cellctl.cell import Cell, Work
 from cellctl.config import CellConfig
-from cellctl.control import Declined, Event, progress_event
+from cellctl.control_errors import Declined
 from cellctl.control_requests import (
     CalibrateRequest,
     CommandRequest,
@@ -20,11 +20,11 @@ from cellctl.control_requests import (
     ProceedRequest,
     RecipeUseRequest,
     Request,
-    StatusRequest,
     TeachRequest,
     UnitsLeftRequest,
 )
 from cellctl.cycle import Job
+from cellctl.events import Event, progress_event
 from cellctl.faults import NotReady
 from cellctl.hand import Devices, Hand
 from cellctl.journal import Journal
@@ -73,30 +73,23 @@ class Person:
 class Session:
     """Answers requests and makes work."""
 
-    def __init__(
-        self,
-        config: CellConfig,
-        cell: Cell,
-        devices: Devices,
-        journal: Journal,
-        pictures: Pictures,
-        publish: Callable[[Event], None],
-    ) -> None:
+    def __init__(self, config: CellConfig, devices: Devices, journal: Journal, pictures: Pictures) -> None:
         self._config = config
-        self.cell = cell
         self._devices = devices
         self._journal = journal
         self._pictures = pictures
-        self._publish = publish
         self._person = Person()
         self._units = 0
         self._chosen = _read_chosen(config)
 
+    def attach(self, cell: Cell, publish: Callable[[Event], None]) -> None:
+        """The cell to act on, and where events go."""
+        self.cell = cell
+        self._publish = publish
+
     async def handle(self, request: Request) -> Mapping[str, object]:
         """Answer one request. Raises Declined or NotAllowed."""
         match request:
-            case StatusRequest():
-                pass
             case CommandRequest():
                 self._command(request.command)
             case ModeRequest():
@@ -105,12 +98,10 @@ class Session:
                 self._use(request.name)
             case UnitsLeftRequest():
                 self._units = request.count
-            case CalibrateRequest():
-                self._maintain(partial(self._calibration, request.what))
-            case TeachRequest():
-                self._maintain(partial(self._teaching, request.repeats))
             case ProceedRequest():
                 self._person.proceed()
+            case CalibrateRequest() | TeachRequest():
+                self._maintain(request)
         return self.status()
 
     def status(self) -> dict[str, object]:
@@ -124,12 +115,15 @@ class Session:
             self.cell.make_work = self._production
         self.cell.command(command)
 
-    def _maintain(self, make_work: Callable[[], Work]) -> None:
+    def _maintain(self, request: CalibrateRequest | TeachRequest) -> None:
         if self.cell.state is not State.IDLE:
             raise Declined(f"this is possible in Idle only, the cell is in {self.cell.state.title}; reset it first")
         self._recipe()
         self.cell.set_mode(Mode.MAINTENANCE)
-        self.cell.make_work = make_work
+        if isinstance(request, TeachRequest):
+            self.cell.make_work = partial(self._teaching, request.repeats)
+        else:
+            self.cell.make_work = partial(self._calibration, request.what)
         self.cell.command(Command.START)
 
     def _use(self, name: str) -> None:
@@ -172,9 +166,9 @@ class Session:
             publish=self._publish,
         )
 
-    def _calibration(self, what: str) -> Work:
+    def _calibration(self, what: What) -> Work:
         _, recipe = self._recipe()
-        return Calibration(config=self._config, what=what, hand=self._hand(recipe), publish=self._publish)
+        return Calibration(self._config, what, recipe, self._hand(recipe), self._publish)
 
     def _hand(self, recipe: Recipe) -> Hand:
         return Hand(self._devices, self._config.positions, recipe.motion, recipe.pick, recipe.place)

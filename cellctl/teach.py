@@ -14,10 +14,10 @@ from dataclasses import dataclass
 
 from cellctl import views
 from cellctl.config import CellConfig, PlaceXyt
-from cellctl.control import Event, job_event, progress_event
+from cellctl.events import Event, job_event, progress_event
 from cellctl.faults import BatteryLost, CalibrationFailed, CellError, NoParts
 from cellctl.geometry import Pose, mean_pose, wrap_deg
-from cellctl.hand import Hand, commanded, lights
+from cellctl.hand import Hand, commanded, seeing
 from cellctl.log import log
 from cellctl.recipe import Recipe
 from cellctl.references import CameraCalibration, Taught, geometry_of, now
@@ -79,7 +79,7 @@ class Teaching:
     async def run(self, keep_on: Callable[[], bool]) -> None:
         """All repeats, then the file. Raises CalibrationFailed when the repeats do not agree."""
         try:
-            async with lights(self.hand.devices):
+            async with seeing(self.hand.devices, self.recipe):
                 taught = await self._teach()
         except (CellError, DeviceError) as error:
             self.publish(job_event("teach", False, str(error)))

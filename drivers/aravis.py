@@ -1,6 +1,7 @@
 """A thin typed binding to libaravis-0.8: what a GigE Vision driver needs of it, no more.
 
-Every call blocks (a control call up to 2.5 s: 5 tries of 500 ms), releases the interpreter lock, and raises AravisError.
+Every call blocks (a control call up to 2.5 s: 5 tries of 500 ms), releases the interpreter lock, and may raise
+AravisError.
 The library is loaded at the first use, so that a cell without such cameras does without it.
 """
 
@@ -79,6 +80,11 @@ class _Library:
         except OSError as error:
             raise LibraryMissing(f"{error}; install the Debian package {PACKAGE}") from error
         self._declare_gobject()
+        self._declare_camera()
+        self._declare_device()
+        self._declare_stream()
+
+    def _declare_camera(self) -> None:
         p, s, i, u = c_void_p, c_char_p, c_int, c_uint
         self.camera_new = self._checked("camera_new", p, s)
         self.serial = self._checked("camera_get_device_serial_number", c_char_p, p)
@@ -99,11 +105,17 @@ class _Library:
         self.adjust_packet_size = self._plain("camera_gv_set_packet_size_adjustment", None, p, i)
         self.stream_options = self._plain("camera_gv_set_stream_options", None, p, i)
         self.device = self._plain("camera_get_device", p, p)
+
+    def _declare_device(self) -> None:
+        p, i = c_void_p, c_int
         self.is_controller = self._plain("gv_device_is_controller", i, p)
         self.take_control = self._checked("gv_device_take_control", i, p)
         self.tick_rate = self._checked("gv_device_get_timestamp_tick_frequency", c_uint64, p)
         self.write_register = self._checked("device_write_register", i, p, c_uint64, c_uint32)
         self.read_memory = self._checked("device_read_memory", i, p, c_uint64, c_uint32, p)
+
+    def _declare_stream(self) -> None:
+        p, s, i = c_void_p, c_char_p, c_int
         self.push = self._plain("stream_push_buffer", None, p, p)
         self.pop = self._plain("stream_timeout_pop_buffer", p, p, c_uint64)
         self.info = self._plain("stream_get_info_uint64_by_name", c_uint64, p, s)

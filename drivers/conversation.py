@@ -18,6 +18,7 @@ GREETING_S = 0.5
 SILENCE_S = 0.1
 MOST_SILENCES = 20
 MOST_DATA_LINES = 16
+EVENT_GROUP = 1
 QUESTION_GROUPS = (0, 4, 5, 14)  # codes that a query or a setting can earn
 
 
@@ -108,7 +109,7 @@ class Conversation:
             finally:
                 greeted.cancel()
 
-    async def ask(self, line: str, *, within_s: float = ANSWER_S) -> list[str]:
+    async def ask(self, line: str) -> list[str]:
         """Send a query or a setting and return the data lines before its OK.
 
         Raises Refused, NoAnswer, LinkLost, Garbled. When cancelled it first lets the answer come in.
@@ -117,9 +118,9 @@ class Conversation:
             question = self._question = _Question(line)
             try:
                 self._link.send(line)
-                await self._wait(question.done, within_s, f"no answer to {line}")
+                await self._wait(question.done, ANSWER_S, f"no answer to {line}")
             except asyncio.CancelledError:
-                await uncancelled(self._let_come(question, within_s))
+                await uncancelled(self._let_come(question))
                 raise
             finally:
                 self._question = None
@@ -170,8 +171,8 @@ class Conversation:
             if self._lines_heard == heard:
                 return
 
-    async def _let_come(self, question: _Question, within_s: float) -> None:
-        await asyncio.wait((question.done,), timeout=within_s)
+    async def _let_come(self, question: _Question) -> None:
+        await asyncio.wait((question.done,), timeout=ANSWER_S)
         if not question.done.done():
             self._link.poison("an answer did not come in time")
 
@@ -236,7 +237,8 @@ class Conversation:
         if question is None or question.done.done():
             return operation
         if operation is None or operation.finished.done():
-            return question
+            # a stop may still be reported for a motion that an earlier conversation had begun
+            return None if code is not None and code.group == EVENT_GROUP else question
         return question if code is not None and _of_question(code) and not question.data else operation
 
 

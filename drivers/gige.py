@@ -1,19 +1,25 @@
 """A GigE Vision camera through Aravis: software trigger, Mono8, whole pictures of the right moment or an error.
 
-Threads: one makes the control calls in turn, one waits for pictures; both hand their results to the event loop. When a
-camera is lost, its threads and its library object are let go in the background (the library may take 14 s), and the next
-open() starts with new ones.
+A connection has two threads: one makes the control calls in turn, one waits for pictures; both hand results to the
+event loop. When a camera is lost, its connection is let go in the background (the library may take 14 s), and the next
+open() starts with a new one.
 
 Which picture is ours: before each trigger the camera's clock is latched and read. A picture whose exposure began before
 that reading belongs to an earlier trigger, whatever its number says; it is counted and dropped.
 """
 
 import asyncio
-from contextlib import suppress
 from dataclasses import replace
 
-from drivers.aravis import ACCESS_DENIED, NOT_CONTROLLER, TIMEOUT, AravisError, LibraryMissing
-from drivers.aravis import NOT_CONNECTED, NOT_FOUND
+from drivers.aravis import (
+    ACCESS_DENIED,
+    NOT_CONNECTED,
+    NOT_CONTROLLER,
+    NOT_FOUND,
+    TIMEOUT,
+    AravisError,
+    LibraryMissing,
+)
 from drivers.camera import Frame
 from drivers.errors import DeviceError, LinkLost, NoAnswer, Refused, Unavailable
 from drivers.gige_connection import Connection, Counters, Wanted
@@ -21,6 +27,7 @@ from drivers.gige_connection import Connection, Counters, Wanted
 OPEN_WITHIN_S = 8.0  # a camera that is not there: 2.5 s; one whose last program died: its heartbeat time (3 s)
 CONFIGURE_WITHIN_S = 1.5
 CLOSE_WITHIN_S = 2.0
+MOST_PARTING = 4  # each holds 20 MB and two threads, for up to 14 s
 EXPOSURE_TOLERANCE = 0.005  # cameras set exposure in steps of a line time, gain in steps of 0.1 dB or less
 EXPOSURE_TOLERANCE_US = 1.0
 GAIN_TOLERANCE_DB = 0.1
@@ -46,6 +53,7 @@ class GigeCamera:
         self._name = name
         self._wanted = Wanted(name, address, serial, width, height, socket_buffer_bytes)
         self._connection: Connection | None = None
+        self._parting: set[asyncio.Future[None]] = set()  # ends of earlier connections that are under way
         self._turn = asyncio.Lock()
         self._counters = Counters()
 
@@ -72,6 +80,8 @@ class GigeCamera:
         """
         async with self._turn:
             self._part()
+            if len(self._parting) > MOST_PARTING:
+                raise LinkLost(self._name, f"{self._where}: {len(self._parting)} earlier connections have not ended yet")
             self._connection = connection = Connection(self._wanted)
             try:
                 async with asyncio.timeout(OPEN_WITHIN_S):
@@ -128,22 +138,22 @@ class GigeCamera:
     async def close(self) -> None:
         """Let the camera go; returns after 2 s at the latest, what is left then ends in the background."""
         async with self._turn:
-            done = self._part()
-            if done is not None:
-                with suppress(TimeoutError):
-                    await asyncio.wait_for(asyncio.shield(done), CLOSE_WITHIN_S)
+            self._part()
+            if self._parting:
+                await asyncio.wait(self._parting, timeout=CLOSE_WITHIN_S)
 
     @property
     def _where(self) -> str:
         return f"camera {self._wanted.serial} at {self._wanted.address}"
 
-    def _part(self) -> "asyncio.Future[None] | None":
+    def _part(self) -> None:
         """Drop the connection; it ends in the background."""
         connection, self._connection = self._connection, None
-        if connection is None:
-            return None
-        self._counters += connection.counters
-        return connection.close()
+        if connection is not None:
+            self._counters += connection.counters
+            parting = connection.close()
+            self._parting.add(parting)
+            parting.add_done_callback(self._parting.discard)
 
     def _open_connection(self) -> Connection:
         if self._connection is None:

@@ -11,9 +11,9 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from drivers.aravis import ACCESS_DENIED, MONO8, Arrived, AravisError, Device, Memory, Stream
+from drivers.aravis import ACCESS_DENIED, MONO8, AravisError, Arrived, Device, Memory, Stream
 from drivers.camera import Frame
-from drivers.errors import FrameLost, Garbled, LinkLost, Mismatch
+from drivers.errors import FrameLost, LinkLost, Mismatch
 
 POLL_S = 0.05
 CONTROL_RETRY_S = 0.1
@@ -72,9 +72,7 @@ class Worker:
 
     def __init__(self, name: str, loop: asyncio.AbstractEventLoop) -> None:
         self._loop = loop
-        self._jobs: queue.SimpleQueue[tuple[asyncio.Future[Any], Callable[[], Any]] | None] = (
-            queue.SimpleQueue()
-        )
+        self._jobs: queue.SimpleQueue[tuple[asyncio.Future[Any], Callable[[], Any]] | None] = queue.SimpleQueue()
         threading.Thread(target=self._work, name=name, daemon=True).start()
 
     def call(self, function: Callable[[], T]) -> "asyncio.Future[T]":
@@ -91,10 +89,11 @@ class Worker:
         while (job := self._jobs.get()) is not None:
             answer, function = job
             try:
-                settle, result = _give, function()
+                result = function()
             except Exception as error:  # not handled here: it is raised where the answer is awaited
-                settle, result = _fail, error
-            post(self._loop, settle, answer, result)
+                post(self._loop, _fail, answer, error)
+            else:
+                post(self._loop, _give, answer, result)
 
 
 def post(loop: asyncio.AbstractEventLoop, function: Callable[..., None], *arguments: object) -> None:
@@ -138,9 +137,7 @@ class Connection:
     def counters(self) -> Counters:
         """Of this connection so far."""
         stream = self._stream
-        resent, missing = (
-            (stream.count("n_resent_packets"), stream.count("n_missing_packets")) if stream else (0, 0)
-        )
+        resent, missing = (stream.count("n_resent_packets"), stream.count("n_missing_packets")) if stream else (0, 0)
         return Counters(self._delivered, self._stale, self._incomplete, resent, missing)
 
     # Open and close
@@ -189,16 +186,17 @@ class Connection:
 
     def close(self) -> "asyncio.Future[None]":
         """Let the camera go, in the background; the future tells when that is done."""
+        answers = self.is_open and not self.lost
         self.lose("was closed")
         self._stop.set()
-        done = self._worker.call(self._close_now)
+        done = self._worker.call(lambda: self._close_now(answers))
         self._worker.finish()
         return done
 
-    def _close_now(self) -> None:
+    def _close_now(self, answers: bool) -> None:
         if self._receiver is not None:
             self._receiver.join()
-        if self._device is not None:
+        if self._device is not None and answers:
             with suppress(AravisError):
                 self._device.stop()
         stream, self._stream = self._stream, None

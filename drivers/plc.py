@@ -78,10 +78,10 @@ class Plc:
         A base that came for an earlier, cancelled call and still stands clamped is returned without a new command.
         """
         async with self._scan.within(within_s, lambda: "no base came; look at supply and conveyor:"), self._turn:
-            await self._scan.idle()
-            if not self._scan.picture.carrier_clamped:
-                self._scan.taken = self._scan.picture.arrival_seq  # whatever came before has gone again
-            if not self._untaken():
+            image = await self._scan.idle()
+            if not image.carrier_clamped:
+                self._scan.taken = image.arrival_seq  # whatever came before has gone again
+            if image.arrival_seq == self._scan.taken:
                 await self._scan.command(Command.BRING_BASE)
         return self._take()
 
@@ -104,12 +104,10 @@ class Plc:
         async with self._scan.within(within_s, lambda: "reset latches did not finish"), self._turn:
             await self._scan.command(Command.RESET_LATCHES)
 
-    def _untaken(self) -> int:
-        return (self._scan.picture.arrival_seq - self._scan.taken) & 0xFFFF
-
     def _take(self) -> Arrival:
         """Take the newest arrival over. Nothing is awaited from here to the caller, so none can get lost."""
-        image, untaken, before = self._scan.picture, self._untaken(), self._scan.taken
+        image, before = self._scan.picture, self._scan.taken
+        untaken = (image.arrival_seq - before) & 0xFFFF
         counter = "arrival counter (register 110)"
         if untaken == 0:
             raise Garbled(

@@ -45,6 +45,12 @@ class Order:
     done: asyncio.Future[int]
     sent: bool = False
 
+    def fail(self, error: DeviceError) -> None:
+        """Tell the caller, if there still is one."""
+        if not self.done.done():
+            self.done.set_exception(error)
+            self.done.exception()  # counts as seen, should the caller be cancelled in this turn of the loop
+
 
 class PlcScan:
     """What goes round: `outputs`, `shown` and `taken` go out with each exchange, `picture` and `trouble` come back."""
@@ -123,14 +129,15 @@ class PlcScan:
                 raise trouble.with_traceback(None) from None
             raise NoAnswer(self.device, f"{late()} within {within_s:g} s") from None
 
-    async def until(self, holds: Callable[[PlcImage], bool]) -> None:
+    async def until(self, holds: Callable[[PlcImage], bool]) -> PlcImage:
         """Wait for a picture that is good and for which this holds; the caller has a deadline."""
-        while self.trouble() is not None or not holds(self.picture):
+        while self._image is None or self.trouble() is not None or not holds(self._image):
             await self._exchanged.wait()
+        return self._image
 
-    async def idle(self) -> None:
+    async def idle(self) -> PlcImage:
         """Wait until the PLC is well and has finished the command before; the caller has a deadline."""
-        await self.until(lambda image: self._order is None)
+        return await self.until(lambda image: self._order is None)
 
     async def carry(self) -> None:
         """Return after an exchange that wrote the words as they are now; the caller has a deadline."""
@@ -152,8 +159,8 @@ class PlcScan:
 
         When the caller gives up, what was not sent yet never will be; what was sent finishes before the next command.
         """
-        await self.idle()
-        self._number = _after(self._number, self.picture.accepted)
+        image = await self.idle()
+        self._number = _after(self._number, image.accepted)
         order = Order(self._number, command, argument, asyncio.get_running_loop().create_future())
         self._order = order
         self._kick()
@@ -168,8 +175,8 @@ class PlcScan:
     def end_command(self, why: str) -> None:
         """Make room for a command that ends the one under way; that one's caller gets Refused."""
         order, self._order = self._order, None
-        if order is not None and not order.done.done():
-            order.done.set_exception(Refused(self.device, "ended", f"{_name(order)} was ended by {why}"))
+        if order is not None:
+            order.fail(Refused(self.device, "ended", f"{_name(order)} was ended by {why}"))
 
     def _refusal(self, order: Order, result: int) -> Refused:
         name = RESULT_NAMES.get(result, "unknown result")
@@ -200,9 +207,8 @@ class PlcScan:
 
     def _drop(self, why: str) -> None:
         order, self._order = self._order, None
-        if order is not None and not order.done.done():
-            detail = f"{why} during {_name(order)}; it is not repeated, look at the cell"
-            order.done.set_exception(NoAnswer(self.device, detail))
+        if order is not None:
+            order.fail(NoAnswer(self.device, f"{why} during {_name(order)}; it is not repeated, look at the cell"))
 
     # -- the exchange ------------------------------------------------------------------------------------------------
 

@@ -135,7 +135,8 @@ def parse_position(line: str) -> Position | None:
 
 def parse_integer(line: str) -> int | None:
     """A whole number alone on its line."""
-    return int(line) if INTEGER.fullmatch(line.strip()) else None
+    digits = line.strip()  # it knows more blanks than int does
+    return int(digits) if INTEGER.fullmatch(digits) else None
 
 
 def parse_flag(line: str) -> bool | None:

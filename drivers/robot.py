@@ -26,6 +26,7 @@ SETTLE_S = 0.5  # END may come while the arm still creeps inside the controller'
 STAND_S = 5.0
 LOOK_AGAIN_S = 0.005
 POWER_S = 10.0
+AUTOMATIC_SPEED_PCT = 100  # each move says its own share of it
 # Deadlines: full speeds that even a heavily loaded arm keeps, time to start and stop, and the controller's slack.
 SURE_MM_PER_S, SURE_LINE_MM_PER_S, SURE_Z_MM_PER_S, SURE_DEG_PER_S = 600.0, 300.0, 300.0, 200.0
 RAMPS_S, SLACK_S = 1.0, 2.0
@@ -35,13 +36,10 @@ OPEN_PAUSES_S = (0.05, 0.1, 0.2, 0.4, 0.0)  # the controller may not have notice
 class Robot:
     """One controller on `tcp://HOST:PORT` or `serial:/dev/...?baud=9600&parity=odd&flow=xonxoff`."""
 
-    def __init__(
-        self, address: str, *, limits: Limits, device: str = "robot", hand: int = RIGHTY, speed_limit_pct: int = 100
-    ) -> None:
+    def __init__(self, address: str, *, limits: Limits, device: str = "robot", hand: int = RIGHTY) -> None:
         self.limits = limits
         self.device = device
         self._hand = hand
-        self._speed_limit_pct = speed_limit_pct
         self._talk = Conversation(address, device=device)
         self._turn = asyncio.Lock()
         self._status: RobotStatus | None = None
@@ -153,11 +151,11 @@ class Robot:
         """Robot coordinates of the bare flange, full automatic speed. Only possible with the control right."""
         if self._prepared or self._status is None or self._status.mode != rcx.AUTO_RELEASED:
             return
-        for setting in ("CHANGE OFF", "SHIFT OFF", f"ASPEED {self._speed_limit_pct}"):
+        for setting in ("CHANGE OFF", "SHIFT OFF", f"ASPEED {AUTOMATIC_SPEED_PCT}"):
             await self._set(setting)
         speed_pct = await self._value("ASPEED", rcx.parse_integer)
-        if speed_pct != self._speed_limit_pct:
-            raise Mismatch(self.device, f"automatic speed is {speed_pct} %, not {self._speed_limit_pct} %")
+        if speed_pct != AUTOMATIC_SPEED_PCT:
+            raise Mismatch(self.device, f"automatic speed is {speed_pct} %, not {AUTOMATIC_SPEED_PCT} %")
         self._prepared = True
 
     # -- moving ------------------------------------------------------------------------------------------
@@ -190,7 +188,7 @@ class Robot:
             # the tool's axis also turns back what the arms turn it by
             (abs(to.r_deg - start.r_deg) + across_mm) / SURE_DEG_PER_S,
         )
-        return full_s * (100 / speed_pct) * (100 / self._speed_limit_pct) + RAMPS_S + SLACK_S
+        return full_s * (100 / speed_pct) + RAMPS_S + SLACK_S
 
     async def _arrived(self, line: str, to: Point) -> Point:
         deadline_s = asyncio.get_running_loop().time() + SETTLE_S

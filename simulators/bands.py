@@ -22,7 +22,7 @@ Places: TypeAlias = NDArray[np.intp]
 
 MARGIN_PX = 48  # of the canvas around the picture, so that bands need no clipping
 WIDEST_PX = MARGIN_PX // 2  # from an outline to the border of its band
-REACH_SIGMA = 3.7  # a step is over at this many sigmas
+REACH_SIGMA = 3.4  # a step is over at this many sigmas
 STEEPEST = math.tan(math.radians(55.0))
 SMOOTH_DEG = 8.0  # a vertex that turns less than this is no corner
 UNIT = 1024  # distances are looked up in 1/1024 px
@@ -73,7 +73,7 @@ class _Crossings(NamedTuple):
     owner: Floats
 
 
-def trace(shapes: Sequence[Shape | Placed], optics: Optics) -> list[Traced]:
+def trace(shapes: Sequence[Shape], optics: Optics) -> list[Traced]:
     """The outlines of those shapes that are in the picture, in order."""
     contours = [thing.contour for thing in shapes]
     if not contours:
@@ -87,8 +87,9 @@ def trace(shapes: Sequence[Shape | Placed], optics: Optics) -> list[Traced]:
         if _in_view(points[part], optics):
             shape = thing.shape if isinstance(thing, Placed) else thing
             half = 0.5 * shape.width_mm * optics.px_per_mm if isinstance(shape, Stroke) else None
-            lines = (arrays[part].reshape(contour.points.shape) for arrays in (points, directions))
-            traced.append(Traced(*lines, shape.level, shape.texture, half))
+            size = contour.points.shape
+            line, way = points[part].reshape(size), directions[part].reshape(size)
+            traced.append(Traced(line, way, shape.level, shape.texture, half))
     return traced
 
 

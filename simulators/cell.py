@@ -1,5 +1,6 @@
 """A simulated cell on real ports: one world, and the protocol servers of PLC, robot and both cameras on it."""
 
+import asyncio
 from contextlib import AsyncExitStack
 from dataclasses import dataclass
 from types import TracebackType
@@ -31,9 +32,12 @@ class SimulatedCell:
         self.world = world
         self.plc = PlcServer(world, host=addresses.plc_host, port=addresses.plc_port)
         self.robot = RobotController(world, host=addresses.robot_host, port=addresses.robot_port)
+        self._eyes = Eye(world, 1), Eye(world, 2)
         self.cameras = {
-            1: GigeCameraServer(addresses.camera_1, "SIM-CAM-1", Eye(world, 1), world.clock, name="camera 1"),
-            2: GigeCameraServer(addresses.camera_2, "SIM-CAM-2", Eye(world, 2), world.clock, name="camera 2"),
+            number: GigeCameraServer(address, f"SIM-CAM-{number}", eye, world.clock, name=f"camera {number}")
+            for number, (address, eye) in enumerate(
+                zip((addresses.camera_1, addresses.camera_2), self._eyes, strict=True), 1
+            )
         }
         for number, camera in self.cameras.items():
             world.register(f"camera_{number}", camera.inject)
@@ -41,6 +45,8 @@ class SimulatedCell:
 
     async def __aenter__(self) -> Self:
         """Open all ports, or none: an address that is taken raises OSError."""
+        for eye in self._eyes:
+            await asyncio.to_thread(eye.warm)
         async with AsyncExitStack() as stack:
             for server in (self.plc, self.robot, *self.cameras.values()):
                 await server.start()

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from simulators import parts
 from simulators.gige import Exposure
+from simulators.place import Place
 from simulators.render import Optics, Scene, Shape, placed, render
 from simulators.world import Battery, World
 
@@ -33,6 +34,12 @@ class Eye:
         gain = 10 ** (exposure.gain_db / 20) * exposure.exposure_us / NOMINAL_EXPOSURE_US
         fault = self._world.light_fault.get(self._camera, 1.0)
         return render(scene, self._optics, self._rng, exposure=light * gain * fault)
+
+    def warm(self) -> None:
+        """See every kind of thing once: the first picture makes tables for all later ones and takes long."""
+        product, here = self._world.product, Place(*_axis_mm(self._optics))
+        things = parts.base(product.base), parts.battery(product.battery), parts.dot_plate()
+        render(parts.scene(*((shapes, here) for shapes in things)), self._optics, self._rng)
 
     def _down(self, at_s: float) -> Scene:
         """Camera 1, in the tool frame: board, base and the battery that lies in it."""

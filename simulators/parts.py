@@ -24,7 +24,7 @@ FOIL = 145.0
 CARD = 185.0
 WALL_MM = 5.0  # of the base around its seat
 SIDE_MM = 14.0  # the base reaches at least so far to either side of its hole
-Part: TypeAlias = tuple[Shape | Placed, ...]
+Part: TypeAlias = tuple[Shape, ...]
 FORM_STEP_MM = 1.0  # between samples of an edge's form error
 
 

@@ -174,7 +174,7 @@ class PlcProgram:
         self._accepted = self._finished = self._result = 0
         self._fault = 0
         self._arrivals = 0
-        self._arrived_s = 0.0
+        self._arrived_s: float | None = None
         self._vacuum = False
         self._cycles = 0
         self._scanned_wall_s = now_wall_s
@@ -315,7 +315,8 @@ class PlcProgram:
         handshake = (
             (words[3], words[3], NOT_YOUR_SESSION) if refused else (self._accepted, self._finished, self._result)
         )
-        age_ms = min(round((now_world_s - self._arrived_s) * 1000), 0xFFFFFFFF) if self._arrivals else 0
+        age_s = 0.0 if self._arrived_s is None else now_world_s - self._arrived_s
+        age_ms = min(round(age_s * 1000), 0xFFFFFFFF)
         cycle = min(round((now_wall_s - self._scanned_wall_s) * 10_000), 0xFFFF)
         self._scanned_wall_s = now_wall_s
         picture = (

@@ -52,7 +52,7 @@ class Scene:
     """What lies in the object plane: shapes are painted in order, on a plain background (grey levels of full light)."""
 
     background: float
-    shapes: Sequence[Shape | Placed]
+    shapes: Sequence[Shape]
 
 
 def render(scene: Scene, optics: Optics, rng: np.random.Generator, *, exposure: float = 1.0) -> Pixels:

@@ -139,14 +139,14 @@ class Stroke:
         return Contour(ways.reshape(1, -1, 2), directions.reshape(1, -1, 2))
 
 
-Shape: TypeAlias = Polygon | Disks | Ring | Stroke
+Plain: TypeAlias = Polygon | Disks | Ring | Stroke
 
 
 @dataclass(frozen=True, eq=False)
 class Placed:
     """A shape of a frame that stands at `place`."""
 
-    shape: Shape
+    shape: Plain
     place: Place
 
     @property
@@ -158,6 +158,9 @@ class Placed:
         return Contour(points @ rotation + (self.place.x_mm, self.place.y_mm), directions @ rotation)
 
 
-def placed(shapes: Sequence[Shape | Placed], place: Place) -> list[Placed]:
+Shape: TypeAlias = Plain | Placed
+
+
+def placed(shapes: Sequence[Shape], place: Place) -> list[Shape]:
     """The shapes of a thing's own frame, seen from the frame in which it stands at `place`."""
     return [Placed(s.shape, place @ s.place) if isinstance(s, Placed) else Placed(s, place) for s in shapes]

@@ -113,6 +113,13 @@ def test_a_flag_is_the_first_digit(line, value):
     assert rcx.parse_flag(line) is value
 
 
+@pytest.mark.parametrize(
+    ("line", "value"), [("2", 2), (" -1 ", -1), ("\x1f2", 2), ("2.0", None), ("", None), ("\xb2", None)]
+)
+def test_a_whole_number_stands_alone(line, value):
+    assert rcx.parse_integer(line) == value
+
+
 def test_status_answers_are_read_together():
     answers = ("2", "0", "0.0", "2", "1 1,1,1,1", "1 1,1,1,1")
 

@@ -252,8 +252,8 @@ async def test_the_speeds_multiply():
         assert await wire.ask("@ASPEED 50") == ["OK"]
         slow_s = await seconds("@MOVE P,250.0 0.0 0.0 0.0 0.0 0.0,S=20")
 
-    assert quick_s < 0.4
-    assert slow_s > 1.0
+    assert quick_s < 0.5
+    assert slow_s > 0.8
 
 
 async def test_a_jog_runs_while_the_key_is_held_and_stops_by_control_c():
@@ -279,11 +279,11 @@ async def test_a_jog_stops_when_the_key_is_let_go():
 
 
 async def test_a_jog_ends_at_the_edge_of_the_range():
-    async with wire_on(speed=50) as (bench, wire):
+    async with wire_on(speed=5) as (bench, wire):
         assert await wire.ask("@JOGXY 3+") == ["RUN"]
-        for _ in range(40):
+        for _ in range(25):
             wire.send(b"\x16")
-            await asyncio.sleep(0.002)
+            await asyncio.sleep(0.01)
         assert await wire.lines(1) == ["END"]
         assert bench.position().z_mm == pytest.approx(150, abs=5)
 

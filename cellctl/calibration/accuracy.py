@@ -26,10 +26,8 @@ class Predicted(NamedTuple):
 
 def covariance(bundle: Bundle, x: FloatArray) -> FloatArray:
     """Covariance (12, 12) of PARAMETERS, the robot's errors marginalised, the offset at the mm frame's origin."""
-    jacobian = bundle.jacobian(x)
-    size = np.linalg.norm(jacobian, axis=0)
-    scaled = jacobian / size  # without this the mix of px, mm and 1/px^2 cannot be inverted
-    inverse = np.linalg.inv(scaled.T @ scaled) / np.outer(size, size)
+    inverse, size = _inverse_normal(bundle.jacobian(x))
+    inverse = inverse / np.outer(size, size)
     shift = np.eye(SHARED)  # offset = offset at the pivot - A @ pivot
     shift[4, 0:2] = shift[5, 2:4] = -bundle.pivot_mm
     return shift @ inverse[:SHARED, :SHARED] @ shift.T
@@ -39,11 +37,20 @@ def noise_factors(bundle: Bundle, x: FloatArray, dots_px: FloatArray) -> tuple[f
     """Found over stated noise of robot and dots, each over its own redundancy (variance components)."""
     residuals = bundle.residuals(x, dots_px)
     jacobian = bundle.jacobian(x)
-    leverage = (np.linalg.qr(jacobian / np.linalg.norm(jacobian, axis=0))[0] ** 2).sum(1)
+    inverse, size = _inverse_normal(jacobian)
+    scaled = jacobian / size
+    leverage = ((scaled @ inverse) * scaled).sum(1)
     poses = slice(dots_px.size, dots_px.size + 3 * len(bundle.poses))
     robot = (residuals[poses] ** 2).sum() / max(float((1 - leverage[poses]).sum()), 1e-9)
     dots = (residuals[: dots_px.size] ** 2).sum() / float((1 - leverage[: dots_px.size]).sum())
     return math.sqrt(robot), math.sqrt(dots)
+
+
+def _inverse_normal(jacobian: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Inverse of the normal matrix with unit columns (a mix of px, mm and 1/px^2 has none), and the columns' size."""
+    size = np.linalg.norm(jacobian, axis=0)
+    scaled = jacobian / size
+    return np.asarray(np.linalg.inv(scaled.T @ scaled), np.float64), np.asarray(size, np.float64)
 
 
 def point_jacobian(camera: PlaneMap, point: Px) -> FloatArray:

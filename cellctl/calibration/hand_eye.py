@@ -11,6 +11,7 @@ import numpy as np
 
 from cellctl.calibration.accuracy import Predicted, covariance, noise_factors, point_jacobian, predict
 from cellctl.calibration.agreement import check_agreement
+from cellctl.calibration.errors import PosesDisagree
 from cellctl.calibration.motion import Spread, check_motion
 from cellctl.calibration.plane_map import PlaneMap
 from cellctl.calibration.problem import (
@@ -135,8 +136,15 @@ def _hold_out_um(problem: Problem) -> float:
     return float(np.sqrt((np.concatenate(errors) ** 2).sum(1).mean())) * 1000
 
 
+def _believable(fit: Fit) -> Setup:
+    try:
+        return fit.bundle.setup(fit.x)
+    except ValueError as error:
+        raise PosesDisagree("camera", str(error)) from error
+
+
 def _result(fit: Fit, spread: Spread, poses: Sequence[Pose]) -> HandEye:
-    setup = fit.bundle.setup(fit.x)
+    setup = _believable(fit)
     robot_factor, dot_factor = noise_factors(fit.bundle, fit.x, fit.problem.dots_px)
     parameters = covariance(fit.bundle, fit.x) * max(1.0, robot_factor, dot_factor) ** 2
     u, v = fit.bundle.lens_centre_px.tolist()

@@ -56,6 +56,9 @@ def rough_setup(
             f"the board's drawn size is {found.scale:.2f} times what the robot's travel says: check the board that "
             "is described, the signs of the robot's X and Y, and whether the picture is mirrored",
         )
-    camera = PlaneMap.from_arrays(found.matrix, found.offset, 0.0, centre)
+    try:
+        camera = PlaneMap.from_arrays(found.matrix, found.offset, 0.0, centre)
+    except ValueError as error:
+        raise PosesDisagree("camera", str(error)) from error
     x_mm, y_mm = found.board_mm.tolist()
     return Setup(drawn.kind, camera, Pose(x_mm, y_mm, wrap_deg(math.degrees(found.board_rad))))

@@ -118,7 +118,7 @@ class RobotController:
     def control(self, session: Session, byte: int) -> None:
         """^C stops the running operation, ^V keeps a jog going."""
         operation = self._operation
-        if operation is None or operation.session is not session:
+        if operation is None or operation.session not in (session, None):
             return
         if byte == SYN:
             operation.hold()
@@ -254,21 +254,26 @@ class RobotController:
 
     def _run(self, session: Session, work: Work, stopped_by_client: str | None) -> None:
         operation = self._operation = Operation(self._clock, session, stopped_by_client)
-        late_s = self._faults.late_run_s.pop(0) if self._faults.late_run_s else 0.0
-        if not late_s:
-            self._reply(session, "RUN")
-        self._spawn(self._run_to_end(operation, work, late_s))
-
-    async def _run_to_end(self, operation: Operation, work: Work, late_s: float) -> None:
-        if late_s:
-            await self._pause(late_s)
-            self._reply(operation.session, "RUN")
         run_s = self._clock.now()
+        if self._faults.late_run_s:
+            run_s += self._faults.late_run_s.pop(0)
+            self._spawn(self._say_run_late(operation, run_s))
+        else:
+            self._reply(session, "RUN")
+        self._spawn(self._run_to_end(operation, work, run_s))
+
+    async def _say_run_late(self, operation: Operation, run_s: float) -> None:
+        await wait_until(self._clock, run_s)
+        if self._operation is operation:
+            self._reply(operation.session, "RUN")
+
+    async def _run_to_end(self, operation: Operation, work: Work, run_s: float) -> None:
         try:
             ending = await work(operation)
         except Refusal as refusal:  # of a later target of several
             ending = f"NG={refusal.code}"
-        await wait_until(self._clock, run_s + GAP_S)
+        if ending == "END":
+            await wait_until(self._clock, run_s + GAP_S)
         self._operation = None
         said = self._faults.ending(ending)
         if said is not None and self._faults.interleave:

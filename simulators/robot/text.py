@@ -5,9 +5,10 @@ from typing import NamedTuple
 
 LONGEST_LINE = 255
 AXES = 4
-NUMBER = re.compile(r"[+-]?(?:\d{1,9}(?:\.\d{0,9})?|\.\d{1,9})")
+NUMBER = re.compile(r"[+-]?(?:\d{1,9}(?:\.\d{0,9})?|\.\d{1,9})", re.ASCII)
+INTEGER = re.compile(r"[+-]?\d{1,9}", re.ASCII)
 WORD = re.compile(r"([A-Z]+)(?:\s*\[\s*(\d)\s*\])?")
-POINT_NUMBER = re.compile(r"P(\d{1,5})")
+POINT_NUMBER = re.compile(r"P(\d{1,5})", re.ASCII)
 LARGEST_POINT_NUMBER = 29999
 INDEXED = re.compile(r"\s*\(\s*(\d+)\s*\)\s*=\s*(\S+)\s*")
 DRIVES = re.compile(r"\s*(\(\s*\d\s*,[^()]*\)(?:\s*,\s*\(\s*\d\s*,[^()]*\))*)\s*(?:,(.*))?")
@@ -81,16 +82,16 @@ def parse_command(line: str) -> Command | None:
 
 def integer(text: str, low: int, high: int) -> int:
     """A whole number in a range; raises Refusal 5.202 or 4.208."""
-    if not re.fullmatch(r"\s*[+-]?\d{1,9}\s*", text):
+    if not INTEGER.fullmatch(digits := text.strip()):
         raise Refusal("5.202")
-    return int(ranged(float(text), low, high))
+    return int(ranged(int(digits), low, high))
 
 
 def number(text: str) -> float:
     """A number; raises Refusal 5.202."""
-    if not NUMBER.fullmatch(text.strip()):
+    if not NUMBER.fullmatch(digits := text.strip()):  # strip knows more blanks than float does
         raise Refusal("5.202")
-    return float(text)
+    return float(digits)
 
 
 def ranged(value: float, low: float, high: float) -> float:

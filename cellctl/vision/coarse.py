@@ -1,0 +1,137 @@
+"""Where a hole or an edge roughly is: votes of signed gradients on the coarse picture. Pure.
+
+A Hough vote finds, it does not measure. The radius, the polarity and nearly the place are known, so few votes do.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple, TypeAlias
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from cellctl.geometry import Px
+from cellctl.vision.features import ExpectedCircle, ExpectedEdge, NotFound
+from cellctl.vision.picture import COARSE, Coarse, to_coarse, to_fine
+
+Singles: TypeAlias = NDArray[np.float32]
+
+ANGLES = 49
+SPARE_DEG = 12.0  # gradients of noisy pixels point that far off their edge's normal
+SUPPRESSED_ANGLES, SUPPRESSED_BINS = 12, 6  # around a peak: no second hypothesis there
+GRADIENT_PER_LEVEL = 2.0  # the weakest edge of contrast c has coarse gradients of this times c
+
+
+class Votes(NamedTuple):
+    """Votes for lines: rows are turns from the expected direction, columns half coarse pixels of offset."""
+
+    count: Singles
+    turns: Singles  # rad, in the sense from u to v
+
+
+class RoughLine(NamedTuple):
+    """A straight line through a point in a direction (unit vector du, dv)."""
+
+    point: Px
+    direction: Px
+    turn: float  # rad, against the expected direction
+
+
+def rough_circle(picture: Coarse, circle: ExpectedCircle, search_px: float, min_contrast: float) -> Px:
+    """Centre of the circle to about 5 px. Raises NotFound when no gradient in reach points at a centre."""
+    cu, cv, radius = to_coarse(circle.centre.u), to_coarse(circle.centre.v), circle.radius_px / COARSE
+    reach = math.ceil(search_px / COARSE) + 2
+    far = radius + reach + 2
+    rows, columns = _window(cv - far, cv + far, 0, picture), _window(cu - far, cu + far, 1, picture)
+    gu, gv = picture.along_u[rows, columns], picture.along_v[rows, columns]
+    size = cv2.magnitude(gu, gv) if gu.size else gu
+    v, u = np.nonzero(size > GRADIENT_PER_LEVEL * min_contrast)
+    step = (radius if circle.dark_inside else -radius) / size[v, u]
+    left, top = round(cu) - reach, round(cv) - reach
+    bu = np.rint(u + columns.start - gu[v, u] * step).astype(np.int32) - left
+    bv = np.rint(v + rows.start - gv[v, u] * step).astype(np.int32) - top
+    n = 2 * reach + 1
+    inside = (bu >= 0) & (bu < n) & (bv >= 0) & (bv < n)
+    count = np.bincount(bv[inside] * n + bu[inside], minlength=n * n).reshape(n, n).astype(np.float32)
+    count = cv2.GaussianBlur(count, (7, 7), 1.4, borderType=cv2.BORDER_CONSTANT)
+    _, votes, _, (best_u, best_v) = cv2.minMaxLoc(count)
+    if votes <= 0.0:
+        raise NotFound("hole", f"no outline of radius {circle.radius_px:.0f} px within {search_px:.0f} px")
+    return Px(to_fine(left + best_u), to_fine(top + best_v))
+
+
+def line_votes(picture: Coarse, edge: ExpectedEdge, reach_px: float, angle_deg: float, min_contrast: float) -> Votes:
+    """Votes for lines near an edge, by offset of its middle towards its bright side and by turn."""
+    middle, along, bright, half = _frame(edge)
+    angle, reach = math.radians(angle_deg), reach_px / COARSE
+    across = reach + half * math.tan(angle) + 1.0
+    box = [half * abs(along[i]) + across * abs(bright[i]) + 1.0 for i in (0, 1)]
+    rows = _window(middle[1] - box[1], middle[1] + box[1], 0, picture)
+    columns = _window(middle[0] - box[0], middle[0] + box[0], 1, picture)
+    gu, gv = picture.along_u[rows, columns], picture.along_v[rows, columns]
+    rise = gu * np.float32(bright[0]) + gv * np.float32(bright[1])
+    drift = gu * np.float32(along[0]) + gv * np.float32(along[1])
+    steep = np.float32(math.tan(angle + math.radians(SPARE_DEG)))
+    v, u = np.nonzero((rise > GRADIENT_PER_LEVEL * min_contrast) & (np.abs(drift) < steep * rise))
+    du, dv = u + (columns.start - middle[0]), v + (rows.start - middle[1])
+    s, d = du * along[0] + dv * along[1], du * bright[0] + dv * bright[1]
+    used = (np.abs(s) <= half) & (np.abs(d) <= across)
+    weight = np.sqrt(rise[v[used], u[used]])
+    return _accumulated(s[used].astype(np.float32), d[used].astype(np.float32), weight, reach, angle)
+
+
+def _accumulated(s: Singles, d: Singles, weight: Singles, reach: float, angle: float) -> Votes:
+    turns = np.linspace(-angle, angle, ANGLES).astype(np.float32)
+    middle = math.ceil(2.0 * reach) + 1
+    bins = 2 * middle + 1
+    place = (2.0 * (d - s * np.tan(turns)[:, None]) + np.float32(middle + 0.5)).astype(np.int32)
+    inside = (place >= 0) & (place < bins)
+    place += (np.arange(ANGLES, dtype=np.int32) * bins)[:, None]
+    weights = np.broadcast_to(weight, place.shape)[inside]
+    count = np.bincount(place[inside], weights=weights, minlength=bins * ANGLES)
+    count = cv2.GaussianBlur(count.reshape(ANGLES, bins).astype(np.float32), (5, 3), 0, borderType=cv2.BORDER_CONSTANT)
+    return Votes(np.asarray(count, np.float32), turns)
+
+
+def rough_lines(votes: Votes, edge: ExpectedEdge, most: int) -> list[RoughLine]:
+    """The most voted lines, best first, distinct in offset."""
+    count, lines = votes.count.copy(), []
+    middle, along, bright, _ = _frame(edge)
+    way = 1.0 if along[0] * bright[1] - along[1] * bright[0] > 0.0 else -1.0  # sense of turning towards the bright side
+    for _ in range(most):
+        _, best, _, (column, row) = cv2.minMaxLoc(count)
+        if best <= 0.0:
+            break
+        offset, turn = (column - count.shape[1] // 2) / 2.0, float(votes.turns[row])
+        c, s = math.cos(turn), math.sin(turn)
+        point = Px(*(to_fine(middle[i] + offset * bright[i]) for i in (0, 1)))
+        lines.append(RoughLine(point, Px(*(c * along[i] + s * bright[i] for i in (0, 1))), way * turn))
+        first_row, first_column = max(0, row - SUPPRESSED_ANGLES), max(0, column - SUPPRESSED_BINS)
+        count[first_row : row + SUPPRESSED_ANGLES + 1, first_column : column + SUPPRESSED_BINS + 1] = 0.0
+    return lines
+
+
+def turns_the_same_way(one: ExpectedEdge, other: ExpectedEdge) -> bool:
+    """Whether a turn of the part moves both edges' votes in the same sense of `Votes.turns`."""
+    ways = [along[0] * bright[1] - along[1] * bright[0] > 0.0 for _, along, bright, _ in map(_frame, (one, other))]
+    return ways[0] == ways[1]
+
+
+def _frame(edge: ExpectedEdge) -> tuple[Px, Px, Px, float]:
+    """Middle of the edge in coarse px, unit vectors along it and to its bright side, and half its length."""
+    du, dv = edge.end.u - edge.start.u, edge.end.v - edge.start.v
+    length = math.hypot(du, dv)
+    along = Px(du / length, dv / length)
+    left = Px(along.v, -along.u)  # on the screen, v down
+    bright = left if edge.bright_left else Px(-left.u, -left.v)
+    middle = Px(to_coarse((edge.start.u + edge.end.u) / 2), to_coarse((edge.start.v + edge.end.v) / 2))
+    return middle, along, bright, 0.5 * length / COARSE
+
+
+def _window(first: float, last: float, axis: int, picture: Coarse) -> slice:
+    """Whole coarse pixels from first to last that exist (possibly none)."""
+    limit = picture.along_u.shape[axis]
+    start = min(max(math.floor(first), 0), limit)
+    return slice(start, max(start, min(math.ceil(last) + 1, limit)))
