@@ -85,12 +85,13 @@ def run(config: Path, state: Path | None) -> None:
 @cli.command()
 @with_config
 @with_json
-def check(config: Path, as_json: bool) -> None:
+@option("--offline", is_flag=True, help="Leave the devices alone: settings, folders and calibrations only.")
+def check(config: Path, as_json: bool, offline: bool) -> None:
     """Test settings, folders and devices before production; nothing moves."""
     from cellctl.check import check as check_cell
     from cellctl.commands import run_loop
 
-    end(run_loop(check_cell(config, as_json=as_json)))
+    end(run_loop(check_cell(config, as_json=as_json, offline=offline)))
 
 
 @cli.command()

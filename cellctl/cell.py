@@ -7,7 +7,7 @@ Abort cancels whatever runs, and the drivers leave the robot standing.
 
 import asyncio
 import contextlib
-from collections.abc import AsyncIterator, Awaitable, Callable
+from collections.abc import Awaitable, Callable
 from typing import Any, Protocol
 
 from cellctl.config import CellConfig
@@ -204,7 +204,7 @@ class Cell:
         self._changed.set()
         self._changed = asyncio.Event()
         log.info(f"state {state.title}", why=why, state_number=int(state))
-        self._publish(state_event(state, self.mode, why))
+        self._publish(state_event(state.title, int(state), self.mode.title, why))
 
     async def _change(self) -> None:
         await self._changed.wait()
@@ -293,20 +293,16 @@ class Cell:
             if self.state in AT_REST:
                 await self._change()
                 continue
-            async with self._until_change() as changed:
-                unsafe = asyncio.ensure_future(self.devices.plc.unsafe())
-                await asyncio.wait([unsafe, changed], return_when=asyncio.FIRST_COMPLETED)
+            unsafe: asyncio.Future[str] = asyncio.ensure_future(self.devices.plc.unsafe())
+            changed = asyncio.ensure_future(self._change())
+            try:
+                both: list[asyncio.Future[Any]] = [unsafe, changed]
+                await asyncio.wait(both, return_when=asyncio.FIRST_COMPLETED)
                 if unsafe.done() and self.state not in AT_REST:
                     self._fault(SafetyLost(unsafe.result()))
+            finally:
                 await self._ended(unsafe)
-
-    @contextlib.asynccontextmanager
-    async def _until_change(self) -> AsyncIterator["asyncio.Future[None]"]:
-        changed = asyncio.ensure_future(self._change())
-        try:
-            yield changed
-        finally:
-            await self._ended(changed)
+                await self._ended(changed)
 
     async def _show(self) -> None:
         """Machine state, counts and signal tower for the PLC."""

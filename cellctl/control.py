@@ -33,6 +33,7 @@ from cellctl.control_requests import (
     WatchRequest,
     parse_request,
 )
+from cellctl.events import Event
 from cellctl.log import log
 from cellctl.machine import NotAllowed
 
@@ -46,7 +47,6 @@ SOCKET_MODE = 0o660
 NO_HANDLES = (errno.EMFILE, errno.ENFILE, errno.ENOMEM, errno.ENOBUFS)
 RETRY_ACCEPT_S = 0.5
 
-Event = Mapping[str, object]
 Handler = Callable[[Request], Awaitable[Mapping[str, object]]]
 
 
@@ -56,32 +56,6 @@ class Peer(NamedTuple):
     pid: int
     uid: int
     gid: int
-
-
-# -- events ------------------------------------------------------------------------------------------------
-
-
-def state_event(state: str, number: int, mode: str, text: str = "") -> Event:
-    """The machine is in another state; `text` says why."""
-    return {"event": "state", "state": state, "number": number, "mode": mode, "text": text}
-
-
-def unit_event(unit: str, verdict: str, text: str, data: Mapping[str, object] | None = None) -> Event:
-    """A unit has its final record."""
-    return {"event": "unit", "unit": unit, "verdict": verdict, "text": text, "data": dict(data or {})}
-
-
-def progress_event(job: str, text: str, *, asks: str | None = None) -> Event:
-    """A job (calibrate, teach) got somewhere; with `asks`, a person must do what the text says, then `proceed`.
-
-    `asks` is the stable name of what is asked for, such as "seat-golden-assembly".
-    """
-    return {"event": "progress", "job": job, "text": text, "asks": asks}
-
-
-def job_event(job: str, ok: bool, text: str, result: Mapping[str, object] | None = None) -> Event:
-    """A job has ended."""
-    return {"event": "job", "job": job, "ok": ok, "text": text, "result": dict(result or {})}
 
 
 # -- the server --------------------------------------------------------------------------------------------

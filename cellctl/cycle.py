@@ -178,7 +178,9 @@ async def fetch_battery(job: Job, unit: Unit, base: asyncio.Task[Pose]) -> None:
     job.hand.expect_vacuum(False, 1, VacuumStuck, "before the pick")
     await job.hand.travel(job.taught.table_pick)
     await wait_for_vision(unit, "camera-1", base)
+    await job.journal.step(unit.id, 4, "fetch battery", "intent")
     await job.hand.suck(job.taught.table_pick, job.recipe.pick.touch_z_mm)
+    await job.journal.step(unit.id, 4, "fetch battery", "done")
     job.hand.expect_vacuum(True, 2, BatteryLost, "after the pick")
 
 
@@ -198,9 +200,11 @@ async def place_battery(job: Job, unit: Unit, robot_from_base: Pose, battery: as
         raise PlacementUncertain(f"{unit.prediction.sentence}, allowed are {job.recipe.limits.placement_mm:g} mm")
     unit.placed_at = place_pose(robot_from_base, taught.base_from_battery, tool_from_battery)
     hand.expect_vacuum(True, 4, BatteryLost, "before placing")
+    await job.journal.step(unit.id, 6, "place battery", "intent", {"at": list(unit.placed_at)})
     await hand.stop_at(unit.placed_at)
     await hand.put(unit.placed_at, job.recipe.place.seat_z_mm)
     hand.expect_vacuum(False, 5, VacuumStuck, "after placing")
+    await job.journal.step(unit.id, 6, "place battery", "done")
 
 
 def predict_placement(job: Job, unit: Unit) -> Prediction:

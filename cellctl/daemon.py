@@ -70,12 +70,15 @@ async def run(config_path: Path, state: Path | None = None) -> int:
     try:
         config.paths.state.mkdir(parents=True, exist_ok=True)
         journal = await Journal.open(config.paths.state / JOURNAL_NAME)
+        came_to_rest = False
         try:
-            return await _serve(config, journal)
+            await _serve(config, journal)
+            came_to_rest = True
         finally:
-            await journal.close()
+            await journal.close(clean=came_to_rest)
     finally:
         records.close()
+    return 0
 
 
 def with_state(config: CellConfig, state: Path) -> CellConfig:
@@ -87,7 +90,7 @@ def with_state(config: CellConfig, state: Path) -> CellConfig:
     return config.model_copy(update={"paths": paths})
 
 
-async def _serve(config: CellConfig, journal: Journal) -> int:
+async def _serve(config: CellConfig, journal: Journal) -> None:
     devices = build_devices(config)
     pictures = Pictures(config.paths.state / "pictures")
     session = Session(config, devices, journal, pictures)
@@ -123,7 +126,6 @@ async def _serve(config: CellConfig, journal: Journal) -> int:
         pictures.close()
         await _close(devices)
     log.info("stopped; the arm stands")
-    return 0
 
 
 def _camera(name: str, camera: CameraConfig) -> GigeCamera:

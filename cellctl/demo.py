@@ -201,10 +201,11 @@ class Stage:
                 if event.get("asks"):
                     await self._do(event["asks"].replace("-", "_"))
                     await self._ask({"verb": "proceed"})
-                elif event["event"] == "progress":
+                elif event["event"] == "progress" and sys.stdout.isatty():
                     print(f"\r\033[K{event['job']:<10}{event['text']}", end="", flush=True)
                 elif event["event"] == "job":
-                    print(f"\r\033[K{event['job']:<10}{event['text']} ({time.monotonic() - began_s:.1f} s)", flush=True)
+                    clear = "\r\033[K" if sys.stdout.isatty() else ""
+                    print(f"{clear}{event['job']:<10}{event['text']} ({time.monotonic() - began_s:.1f} s)", flush=True)
                 if self._ended(event):
                     return
 
@@ -213,7 +214,7 @@ class Stage:
         if event["event"] != "state":
             return False
         if event["state"] in {"Aborted", "Held", "Suspended", "Stopped"}:
-            raise DemoFailed(f"the cell went to {event['state']}: {event['why']} (log: {self.state}/log)")
+            raise DemoFailed(f"the cell went to {event['state']}: {event['text']} (log: {self.state}/log)")
         return bool(event["state"] == "Complete")
 
     # -- the person at the cell --------------------------------------------------------------------------------

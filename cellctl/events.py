@@ -2,19 +2,17 @@
 
 from collections.abc import Mapping
 
-from cellctl.machine import Mode, State
-
 Event = Mapping[str, object]
 
 
-def state_event(state: State, mode: Mode, why: str) -> Event:
-    """The machine is in another state."""
-    return {"event": "state", "state": state.title, "state_number": int(state), "mode": mode.title, "why": why}
+def state_event(state: str, number: int, mode: str, text: str = "") -> Event:
+    """The machine is in another state; `text` says why."""
+    return {"event": "state", "state": state, "number": number, "mode": mode, "text": text}
 
 
-def unit_event(unit: str, verdict: str, sentence: str, data: Mapping[str, object]) -> Event:
-    """A unit has its final record; `data` is what was measured."""
-    return {"event": "unit", "unit": unit, "verdict": verdict, "sentence": sentence, "data": dict(data)}
+def unit_event(unit: str, verdict: str, text: str, data: Mapping[str, object] | None = None) -> Event:
+    """A unit has its final record."""
+    return {"event": "unit", "unit": unit, "verdict": verdict, "text": text, "data": dict(data or {})}
 
 
 def progress_event(job: str, text: str, *, asks: str | None = None) -> Event:

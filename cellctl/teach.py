@@ -15,9 +15,9 @@ from dataclasses import dataclass
 from cellctl import views
 from cellctl.config import CellConfig, PlaceXyt
 from cellctl.events import Event, job_event, progress_event
-from cellctl.faults import BatteryLost, CalibrationFailed, CellError, NoParts
+from cellctl.faults import BatteryLost, CalibrationFailed, CellError
 from cellctl.geometry import Pose, mean_pose, wrap_deg
-from cellctl.hand import Hand, commanded, seeing
+from cellctl.hand import COMMAND_WITHIN_S, Hand, commanded, seeing
 from cellctl.log import log
 from cellctl.recipe import Recipe
 from cellctl.references import CameraCalibration, Taught, geometry_of, now
@@ -95,7 +95,7 @@ class Teaching:
 
     async def _teach(self) -> Taught:
         golden = [await self._golden(number) for number in range(1, self.repeats + 1)]
-        on_table = [await self._reference(number, golden[-1]) for number in range(1, self.repeats + 1)]
+        on_table = [await self._reference(number) for number in range(1, self.repeats + 1)]
         await self.ask("clear-station", "take the golden base and the reference battery out of the cell")
         seats = [sample.base_from_battery for sample in golden]
         spread_mm, spread_deg = spread(seats)
@@ -129,8 +129,7 @@ class Teaching:
             "seat-golden-assembly",
             f"{number} of {self.repeats}: seat the golden battery by hand in the golden base at the station",
         )
-        if not hand.devices.plc.image.photo_switch:
-            raise NoParts("there is no base at the station to teach from")
+        await hand.devices.plc.base_at_station(within_s=COMMAND_WITHIN_S)
         await hand.stop_at(self.look_1, self.config.positions.camera_1_z_mm)
         expected = self.look_1.inverse() @ _pose(self.config.positions.station)
         frame = await grab(hand.devices.camera_1)
@@ -145,7 +144,7 @@ class Teaching:
         self._say(f"golden assembly {number} of {self.repeats}")
         return Golden(robot_from_base, robot_from_base.inverse() @ seat @ tool_from_battery, tool_from_battery)
 
-    async def _reference(self, number: int, golden: Golden) -> Pose:
+    async def _reference(self, number: int) -> Pose:
         """robot_from_battery of the reference battery at its nominal place on the table."""
         hand = self.hand
         await self.ask(

@@ -143,6 +143,7 @@ def limits_px(plane: PlaneMap, recipe: Recipe) -> Limits:
         hole_to_edge_tolerance_px=limits.edge_distance_tolerance_mm * px_per_mm,
         squareness_deg=limits.squareness_deg,
         min_contrast=limits.min_contrast,
+        corner_skip_px=recipe.battery.edge_skip_mm * px_per_mm,
     )
 
 

@@ -81,7 +81,8 @@ class GigeCamera:
         async with self._turn:
             self._part()
             if len(self._parting) > MOST_PARTING:
-                raise LinkLost(self._name, f"{self._where}: {len(self._parting)} earlier connections have not ended yet")
+                count = len(self._parting)
+                raise LinkLost(self._name, f"{self._where}: {count} earlier connections have not ended yet")
             self._connection = connection = Connection(self._wanted)
             try:
                 async with asyncio.timeout(OPEN_WITHIN_S):

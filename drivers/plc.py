@@ -85,6 +85,11 @@ class Plc:
                 await self._scan.command(Command.BRING_BASE)
         return self._take()
 
+    async def base_at_station(self, *, within_s: float) -> None:
+        """Wait until a base stands clamped at the station, whoever put it there."""
+        async with self._scan.within(within_s, lambda: "no base is clamped at the station (register 105)"):
+            await self._scan.until(lambda image: image.photo_switch and image.carrier_clamped)
+
     async def release(self, carrier_id: int, *, good: bool, within_s: float) -> None:
         """Let the carrier at the station go; returns when it has left. Refused when another carrier stands there."""
         command = Command.RELEASE_GOOD if good else Command.RELEASE_REJECT

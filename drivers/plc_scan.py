@@ -164,11 +164,7 @@ class PlcScan:
         order = Order(self._number, command, argument, asyncio.get_running_loop().create_future())
         self._order = order
         self._kick()
-        try:
-            result = await order.done
-        finally:
-            if self._order is order and not order.sent:
-                self._order = None
+        result = await order.done
         if result:
             raise self._refusal(order, result)
 
@@ -295,7 +291,7 @@ class PlcScan:
         assert self._image is not None
         self._heartbeat = (self._heartbeat + 1) & 0xFFFF
         if self._order is not None and self._order.done.done() and not self._order.sent:
-            self._order = None  # given up in this very turn of the loop
+            self._order = None  # given up before it was ever sent
         order = self._order if self._image.session == self._session else None
         if order is not None:
             order.sent = True

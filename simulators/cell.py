@@ -4,7 +4,7 @@ import asyncio
 from contextlib import AsyncExitStack
 from dataclasses import dataclass
 from types import TracebackType
-from typing import Self
+from typing import Protocol, Self
 
 from simulators.eyes import Eye
 from simulators.gige import GigeCameraServer
@@ -23,6 +23,16 @@ class Addresses:
     robot_port: int = 10023
     camera_1: str = "127.0.0.2"
     camera_2: str = "127.0.0.3"
+
+
+class Server(Protocol):
+    """A protocol simulator."""
+
+    async def start(self) -> None:
+        """Listen."""
+
+    async def close(self) -> None:
+        """Stop listening."""
 
 
 class SimulatedCell:
@@ -48,7 +58,8 @@ class SimulatedCell:
         for eye in self._eyes:
             await asyncio.to_thread(eye.warm)
         async with AsyncExitStack() as stack:
-            for server in (self.plc, self.robot, *self.cameras.values()):
+            servers: list[Server] = [self.plc, self.robot, *self.cameras.values()]
+            for server in servers:
                 await server.start()
                 stack.push_async_callback(server.close)
             self._stack = stack.pop_all()

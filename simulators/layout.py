@@ -28,7 +28,7 @@ class Heights:
     nest_mm: float = 105.0  # cup on the dot plate
     reject_mm: float = 100.0  # cup holding a battery just above the reject tray
     camera_1_mm: float = 60.0  # camera 1 in focus
-    camera_2_mm: float = 80.0  # part in the focus of camera 2
+    camera_2_mm: float = 60.0  # part in the focus of camera 2
 
 
 @dataclass(frozen=True)

@@ -75,7 +75,7 @@ class World:
         self.suction = Suction(self.clock.now)
         self.estop_pressed = self.guard_open = False
         self.air_ok = True
-        self.robot_enable = False
+        self._robot_enable = False
         self.lights = {1: False, 2: False}
         self.lamp_levels = (False, False, False, False)
         self.base: Base | None = None
@@ -111,6 +111,20 @@ class World:
         self.estop_pressed = self.estop_pressed if estop is None else estop
         self.guard_open = self.guard_open if guard_open is None else guard_open
         self.air_ok = self.air_ok if air_ok is None else air_ok
+        self._tell()
+
+    @property
+    def robot_enable(self) -> bool:
+        """The PLC's output that lets the robot move."""
+        return self._robot_enable
+
+    @robot_enable.setter
+    def robot_enable(self, on: bool) -> None:
+        if on != self._robot_enable:
+            self._robot_enable = on
+            self._tell()
+
+    def _tell(self) -> None:
         for callback in self._subscribers:
             callback()
 
@@ -243,6 +257,7 @@ class World:
         self.seated = self._golden_battery("seat", Place(0.0, 0.0))
         self.on_table = None
         self.conveyor.put()
+        self.conveyor.clamped = True
 
     def lay_reference_battery(self) -> None:
         """A person lays a battery to the drawing exactly where it should lie on the table."""

@@ -13,9 +13,10 @@ from pathlib import Path
 import pytest
 
 from cellctl.__main__ import main
-from cellctl.control import ControlServer, job_event, progress_event, state_event, unit_event
+from cellctl.control import ControlServer
 from cellctl.control_errors import Declined
 from cellctl.control_requests import CalibrateRequest, CommandRequest, Request, TeachRequest, UnitsLeftRequest
+from cellctl.events import job_event, progress_event, state_event, unit_event
 from cellctl.faults import FAULTS
 from cellctl.journal import Journal, Record, Verdict
 from cellctl.log import configure

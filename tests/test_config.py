@@ -155,8 +155,8 @@ def test_a_host_that_no_device_can_have_is_refused(refused, host):
             ["positions.nest_z_mm: the robot's Z goes from 0 to 104 mm"],
         ),
         (
-            [("camera_2_z_mm = 80", "camera_2_z_mm = 10")],
-            ["positions.camera_2_z_mm: lies above safe_z_mm = 20 (Z is positive down)"],
+            [("camera_2_z_mm = 60", "camera_2_z_mm = 10")],
+            ["positions.camera_2_z_mm: lies above safe_z_mm = 60 (Z is positive down)"],
         ),
         (
             [("reject = { x_mm = 100", "reject = { x_mm = 350")],
@@ -180,7 +180,7 @@ def test_a_host_that_no_device_can_have_is_refused(refused, host):
             ["watchdog.progress_within_s: must be at least 0.1 and at most 1.5 s"],
         ),
         (
-            [("safe_z_mm = 20", "safe_z_um = 20")],
+            [("safe_z_mm = 60", "safe_z_um = 60")],
             ["positions.safe_z_mm: is missing", "positions.safe_z_um: is not known here; did you mean safe_z_mm?"],
         ),
     ],

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 from cellctl import control
 from cellctl.client import NotReachable, RequestFailed, call, wait_for_job, wait_for_run, watch
-from cellctl.control import ControlServer, job_event, progress_event, state_event
+from cellctl.control import ControlServer
 from cellctl.control_errors import ControlError, Declined
 from cellctl.control_requests import (
     MAX_LINE,
@@ -28,6 +28,7 @@ from cellctl.control_requests import (
     TeachRequest,
     parse_request,
 )
+from cellctl.events import job_event, progress_event, state_event
 from cellctl.machine import Command, Mode, NotAllowed
 
 

@@ -327,6 +327,7 @@ async def test_a_camera_still_held_by_a_program_that_died_is_waited_for():
             dead.sendto(struct.pack(">BBHHHII", 0x42, 1, 0x82, 8, 1, 0xA00, 2), (r.server.ip, 3956))
             await until(lambda: r.server.registers["GevCCP"] == 2)
         await camera.open()
+        r.server.registers["GevHeartbeatTimeout"] = 3000
         assert r.scene.was_seen_in(await camera.grab())
 
 

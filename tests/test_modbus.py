@@ -306,7 +306,16 @@ async def test_one_client_too_many_is_shown_the_door() -> None:
         assert await one_frame(first_reader) == frame(1, bytes.fromhex("03020000"))
 
 
-async def test_delayed_answers_keep_their_order_and_a_flood_is_not_read_without_bound() -> None:
+async def test_a_flood_is_not_read_without_bound() -> None:
+    async with serving() as server, raw(server) as (_, writer):
+        server.troubles.delay_s = 5.0
+        writer.write(frame(1, bytes.fromhex("0300000001")) * 60_000)
+        await asyncio.sleep(0.3)
+
+        assert 64 <= server.requests < 40_000
+
+
+async def test_delayed_answers_keep_their_order() -> None:
     async with serving() as server, raw(server) as (reader, writer):
         server.troubles.delay_s = 0.02
         writer.write(b"".join(frame(n, bytes.fromhex("0300000001")) for n in range(400)))

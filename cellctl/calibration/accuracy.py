@@ -8,8 +8,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from cellctl.calibration.bundle import LENS, LENS_SD, SHARED, Bundle, Normal
 from cellctl.calibration.plane_map import PlaneMap
-from cellctl.calibration.scara import SHARED, Bundle, FloatArray, rotation
+from cellctl.calibration.scara import FloatArray, rotation
 from cellctl.geometry import Px
 
 TAUGHT_MM = 1.0  # a part lies within +-1 mm and +-1.5 deg of its taught place
@@ -24,33 +25,23 @@ class Predicted(NamedTuple):
     differential_um: float  # how far a part has moved from its taught place (+-1 mm, +-1.5 deg)
 
 
-def covariance(bundle: Bundle, x: FloatArray) -> FloatArray:
+def covariance(bundle: Bundle, normal: Normal) -> FloatArray:
     """Covariance (12, 12) of PARAMETERS, the robot's errors marginalised, the offset at the mm frame's origin."""
-    inverse, size = _inverse_normal(bundle.jacobian(x))
-    inverse = inverse / np.outer(size, size)
     shift = np.eye(SHARED)  # offset = offset at the pivot - A @ pivot
     shift[4, 0:2] = shift[5, 2:4] = -bundle.pivot_mm
-    return shift @ inverse[:SHARED, :SHARED] @ shift.T
+    moved: FloatArray = shift @ normal.covariance() @ shift.T
+    return moved
 
 
 def noise_factors(bundle: Bundle, x: FloatArray, dots_px: FloatArray) -> tuple[float, float]:
     """Found over stated noise of robot and dots, each over its own redundancy (variance components)."""
-    residuals = bundle.residuals(x, dots_px)
-    jacobian = bundle.jacobian(x)
-    inverse, size = _inverse_normal(jacobian)
-    scaled = jacobian / size
-    leverage = ((scaled @ inverse) * scaled).sum(1)
-    poses = slice(dots_px.size, dots_px.size + 3 * len(bundle.poses))
-    robot = (residuals[poses] ** 2).sum() / max(float((1 - leverage[poses]).sum()), 1e-9)
-    dots = (residuals[: dots_px.size] ** 2).sum() / float((1 - leverage[: dots_px.size]).sum())
-    return math.sqrt(robot), math.sqrt(dots)
-
-
-def _inverse_normal(jacobian: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Inverse of the normal matrix with unit columns (a mix of px, mm and 1/px^2 has none), and the columns' size."""
-    size = np.linalg.norm(jacobian, axis=0)
-    scaled = jacobian / size
-    return np.asarray(np.linalg.inv(scaled.T @ scaled), np.float64), np.asarray(size, np.float64)
+    normal = bundle.normal(x, dots_px)
+    used_by_robot = float(normal.pose_variances().sum())
+    used_by_lens = float((np.diag(normal.covariance())[LENS] / LENS_SD**2).sum())
+    used_by_dots = SHARED + x[SHARED:].size - used_by_robot - used_by_lens
+    robot = float((x[SHARED:] ** 2).sum()) / max(x[SHARED:].size - used_by_robot, 1e-9)
+    dots = float(((bundle.px(x) - dots_px) ** 2).sum()) / bundle.noise.dot_sd_px**2
+    return math.sqrt(robot), math.sqrt(dots / (dots_px.size - used_by_dots))
 
 
 def point_jacobian(camera: PlaneMap, point: Px) -> FloatArray:

@@ -14,7 +14,24 @@ from cellctl.calibration.scara import Kind
 
 MOST_OUTLIERS = 0.25  # more poses out than this part: not outliers, something common is wrong
 MOST_SCALE_ERROR = 0.02  # board pitch against robot travel
+MOST_BENT_PX = 1.5  # what a lens may bend the board, rms
 SUSPECTS = 4  # poses tried as the outlier: the worst one may be a good pose that a bad one has pulled away
+
+
+def check_dots(problem: Problem) -> None:
+    """Raise PosesDisagree when too many pictures show no flat, even board at all, whatever the poses."""
+    design = np.column_stack([problem.board_mm, np.ones(len(problem.board_mm))])
+    seen = problem.dots_px.transpose(1, 0, 2).reshape(len(design), -1)
+    off = (seen - design @ np.linalg.lstsq(design, seen, rcond=None)[0]).reshape(len(design), -1, 2)
+    rms_px = np.sqrt((off**2).mean((0, 2)))
+    bad = np.flatnonzero(rms_px > max(WORST_SD * problem.noise.dot_sd_px, MOST_BENT_PX)).tolist()
+    if len(bad) > MOST_OUTLIERS * len(rms_px):
+        raise PosesDisagree(
+            "dots",
+            f"the dots of {len(bad)} of {len(rms_px)} pictures are not those of the board (worst {rms_px.max():.1f} px "
+            "rms off an even grid): check which board is described",
+            poses=tuple(bad),
+        )
 
 
 def check_agreement(fit: Fit) -> None:
@@ -87,7 +104,9 @@ def _blame_poses(taken: list[int], seen: str, rest: int) -> NoReturn:
 
 
 def _blame_everything(fit: Fit) -> NoReturn:
-    if abs(fit.linear.scale - 1) > MOST_SCALE_ERROR:
+    """Raise for a board of another size, or for poses that have nothing in common."""
+    other_board = fit.problem._replace(board_mm=fit.problem.board_mm / fit.linear.scale)
+    if _agrees(fit_problem(other_board)):
         raise PosesDisagree(
             "board scale",
             f"the board's drawn size is {fit.linear.scale:.3f} times what the robot's travel says: check that the "

@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 
 from cellctl.calibration.accuracy import Predicted, covariance, noise_factors, point_jacobian, predict
-from cellctl.calibration.agreement import check_agreement
+from cellctl.calibration.agreement import check_agreement, check_dots
+from cellctl.calibration.bundle import PARAMETERS
 from cellctl.calibration.errors import PosesDisagree
 from cellctl.calibration.motion import Spread, check_motion
 from cellctl.calibration.plane_map import PlaneMap
@@ -23,7 +24,7 @@ from cellctl.calibration.problem import (
     pose_fits,
     prediction_error_mm,
 )
-from cellctl.calibration.scara import PARAMETERS, FloatArray, Kind, Noise, Setup
+from cellctl.calibration.scara import FloatArray, Kind, Noise, Setup
 from cellctl.geometry import Pose, Px
 
 PICTURE_PX = (2592, 1944)
@@ -120,6 +121,7 @@ def solve_hand_eye(
     """
     problem = checked_problem(kind, poses, dots_px, board_mm, noise or Noise(), picture_px)
     spread = check_motion(poses)
+    check_dots(problem)
     fit = fit_problem(problem)
     check_agreement(fit)
     return _result(fit, spread, poses)
@@ -146,7 +148,8 @@ def _believable(fit: Fit) -> Setup:
 def _result(fit: Fit, spread: Spread, poses: Sequence[Pose]) -> HandEye:
     setup = _believable(fit)
     robot_factor, dot_factor = noise_factors(fit.bundle, fit.x, fit.problem.dots_px)
-    parameters = covariance(fit.bundle, fit.x) * max(1.0, robot_factor, dot_factor) ** 2
+    normal = fit.bundle.normal(fit.x, fit.problem.dots_px)
+    parameters = covariance(fit.bundle, normal) * max(1.0, robot_factor, dot_factor) ** 2
     u, v = fit.bundle.lens_centre_px.tolist()
     fits = [one._replace(pose=Pose(*pose)) for one, pose in zip(pose_fits(fit), poses, strict=True)]
     return HandEye(

@@ -12,9 +12,10 @@ import numpy as np
 
 from cellctl.calibration.accuracy import Predicted, covariance, predict
 from cellctl.calibration.board import DotBoard
+from cellctl.calibration.bundle import Bundle
 from cellctl.calibration.errors import DegenerateMotion, PlanImpossible
 from cellctl.calibration.motion import Spread, check_motion
-from cellctl.calibration.scara import Bundle, Noise, Setup, pose_array
+from cellctl.calibration.scara import Noise, Setup, pose_array
 from cellctl.calibration.view import (
     LENS_ALLOWANCE_PX,
     board_in_view,
@@ -85,7 +86,9 @@ def predict_plan(
     pivot = setup.plane_map.mm_from_px(centre[None])[0]
     bundle = Bundle(setup.kind, pose_array(poses), board.points_mm, noise or Noise(), pivot, centre)
     u, v = centre.tolist()
-    return predict(setup.plane_map, covariance(bundle, bundle.unknowns(setup)), Px(u, v))
+    x = bundle.unknowns(setup)
+    parameters = covariance(bundle, bundle.normal(x, bundle.px(x)))
+    return predict(setup.plane_map, parameters, Px(u, v))
 
 
 def plan_tool_centre(

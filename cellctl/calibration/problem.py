@@ -9,16 +9,14 @@ from typing import NamedTuple
 
 import numpy as np
 
+from cellctl.calibration.bundle import SHARED, Bundle, minimise
 from cellctl.calibration.scara import (
-    SHARED,
-    Bundle,
     FloatArray,
     Kind,
     Linear,
     Noise,
     linear_start,
     pose_array,
-    solve,
 )
 from cellctl.geometry import Pose
 
@@ -67,7 +65,7 @@ class Fit(NamedTuple):
     @property
     def cost(self) -> float:
         """Sum of squares in sigmas."""
-        return float((self.bundle.residuals(self.x, self.problem.dots_px) ** 2).sum())
+        return self.bundle.cost(self.x, self.problem.dots_px)
 
 
 def checked_problem(
@@ -102,19 +100,18 @@ def fit_problem(problem: Problem) -> Fit:
     centre = (np.array(problem.picture_px) - 1) / 2
     pivot = np.asarray(np.linalg.lstsq(linear.matrix, centre - linear.offset, rcond=None)[0], np.float64)
     bundle = Bundle(problem.kind, problem.poses, problem.board_mm, problem.noise, pivot, centre)
-    return Fit(problem, bundle, linear, solve(bundle, bundle.start(linear), problem.dots_px))
+    return Fit(problem, bundle, linear, minimise(bundle, bundle.start(linear), problem.dots_px))
 
 
 def pose_fits(fit: Fit) -> list[PoseFit]:
     """How each pose fits."""
     rms_px = np.sqrt((fit.residuals_px**2).mean((1, 2))).tolist()
-    noise = fit.problem.noise
-    robot_sd = np.array([noise.robot_sd_mm, noise.robot_sd_mm, math.radians(noise.robot_sd_deg)])
+    sigmas = fit.x[SHARED:].reshape(-1, 3)
     fits = []
-    for pose, robot, rms in zip(fit.problem.poses, fit.x[SHARED:].reshape(-1, 3), rms_px, strict=True):
-        worst = max(float(np.abs(robot / robot_sd).max()), rms / noise.dot_sd_px)
+    for pose, robot, rms in zip(fit.problem.poses, sigmas, rms_px, strict=True):
+        worst = max(float(np.abs(robot).max()), rms / fit.problem.noise.dot_sd_px)
         x_mm, y_mm, t_rad = pose.tolist()
-        dx, dy, dt = robot.tolist()
+        dx, dy, dt = (robot * fit.bundle.robot_sd).tolist()
         where = Pose(x_mm, y_mm, math.degrees(t_rad))
         fits.append(PoseFit(where, rms, dx * 1000, dy * 1000, math.degrees(dt) * 1000, worst))
     return fits

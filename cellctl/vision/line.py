@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from cellctl.geometry import Px
 from cellctl.vision.coarse import RoughLine
 from cellctl.vision.features import Edge, ExpectedEdge, Limits, NotFound, Pixels
+from cellctl.vision.gates import accept_outline
 from cellctl.vision.profile import (
     START_BLUR_PX,
     Floats,
@@ -26,7 +27,7 @@ from cellctl.vision.profile import (
     estimate_blur,
     typical_height,
 )
-from cellctl.vision.robust import Fit, covariance, line_consensus, tukey_fit
+from cellctl.vision.robust import Fit, covariance, line_consensus, middle, tukey_fit
 
 BLOCK_PX = 16
 BAND_PX = 7.0  # to either side of the edge, measured across it
@@ -34,7 +35,7 @@ CALIPERS = 80
 CALIPER_PX = 24  # to either side of the rough line
 HAAR_PX = 4  # half width of the step detector
 FEWEST_BLOCKS = 8
-PASSES = 2
+PASSES = (2, 1)  # a rough measurement of every second block, then all
 
 
 @dataclass(frozen=True)
@@ -128,8 +129,8 @@ def catch_line(pixels: Pixels, scan: Scan, near: Line, first: int, last: int, mi
     together = line_consensus(t, n)
     if together is None or np.count_nonzero(together) < 3:
         return None
-    fit = tukey_fit(np.stack([np.ones_like(t), t], axis=1), n, together.astype(np.float64), 5)
-    score = np.count_nonzero(fit.weights) / CALIPERS * math.sqrt(float(np.median(height[strong][together])))
+    fit = tukey_fit(np.stack([np.ones_like(t), t], axis=1), n, together.astype(np.float64), 3)
+    score = np.count_nonzero(fit.weights) / CALIPERS * math.sqrt(middle(height[strong][together]))
     return Caught(Line(near.at, float(fit.parameters[0]), float(fit.parameters[1])), score)
 
 
@@ -166,20 +167,21 @@ def measure_line(
     blocks = (last - first) // BLOCK_PX
     if blocks < FEWEST_BLOCKS:
         raise NotFound(name, f"only {max(0, last - first)} px of it are in the picture")
-    along = first + np.arange(blocks * BLOCK_PX)
-    t = along.reshape(blocks, BLOCK_PX).mean(axis=1)
+    along = first + np.arange(blocks * BLOCK_PX).reshape(blocks, BLOCK_PX)
+    t = along.mean(axis=1)
     line = Line(float(t.mean()), float(line.across(t.mean())), line.slope)
     design = np.stack([np.ones(blocks), t - line.at], axis=1)
     blur = START_BLUR_PX
-    for remaining in reversed(range(PASSES)):
-        band = _band(pixels, scan, line, along)
+    for every in PASSES:
+        band = _band(pixels, scan, line, along[::every].reshape(-1))
         offsets = block_offsets(band.levels, band.distance, blur)
         weights = block_weights(offsets, 0.5 * limits.min_contrast)
-        if np.count_nonzero(weights) < FEWEST_BLOCKS:
-            raise NotFound(name, f"{np.count_nonzero(weights)} of {blocks} blocks see an edge")
-        fit = tukey_fit(design, -offsets.shift * (scan.rising / line.cosine), weights, 4 if remaining else 6)
+        if 2 * np.count_nonzero(weights) < FEWEST_BLOCKS:
+            raise NotFound(name, f"{np.count_nonzero(weights)} of {len(weights)} blocks see an edge")
+        shift = -offsets.shift * (scan.rising / line.cosine)
+        fit = tukey_fit(design[::every], shift, weights, 3 if every > 1 else 6)
         line = Line(line.at, line.height + float(fit.parameters[0]), line.slope + float(fit.parameters[1]))
-        blur = (estimate_blur(band.levels, band.distance, offsets, fit.weights) or blur) if remaining else blur
+        blur = estimate_blur(band.levels, band.distance, offsets, fit.weights) or blur if every > 1 else blur
     edge = _edge(scan, line, t, fit, covariance(design, fit, weights), offsets, blur, limits)
     _accept(edge, band, limits, name)
     return line, edge
@@ -223,20 +225,3 @@ def _accept(edge: Edge, band: _Band, limits: Limits, name: str) -> None:
     if edge.angle_sd_deg > limits.max_angle_sd_deg:
         detail = f"its angle is only known to {edge.angle_sd_deg * 1e3:.1f} mdeg"
         raise NotFound(f"{name} angle", f"{detail}, allowed are {limits.max_angle_sd_deg * 1e3:.1f}")
-
-
-def accept_outline(
-    contrast: float, inliers: float, residual_px: float, levels: Singles, limits: Limits, name: str
-) -> None:
-    """The gates that straight edges and circles share. Raises NotFound for the first that is not kept."""
-    saturated = float(np.mean(levels >= 254.5))
-    if saturated > limits.max_saturated:
-        raise NotFound("saturation", f"{saturated:.0%} of the pixels along the {name} are at 255: shorten the exposure")
-    if contrast < limits.min_contrast:
-        raise NotFound(f"{name} contrast", f"{contrast:.0f} grey levels, needed are {limits.min_contrast:.0f}")
-    if inliers < limits.min_inliers:
-        raise NotFound(f"{name} inliers", f"{inliers:.0%} of it agree, needed are {limits.min_inliers:.0%}")
-    if residual_px > limits.max_residual_px:
-        raise NotFound(f"{name} residual", f"{residual_px:.2f} px, allowed are {limits.max_residual_px:.2f}")
-
-

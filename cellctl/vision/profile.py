@@ -13,6 +13,8 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from cellctl.vision.robust import middle
+
 Floats: TypeAlias = NDArray[np.float64]
 Singles: TypeAlias = NDArray[np.float32]
 
@@ -51,8 +53,11 @@ def block_offsets(levels: Singles, distance: Singles, blur_px: float) -> Offsets
     """
     rise, slope = step_table(round(blur_px * 20.0) / 20.0)
     place = (distance * np.float32(PER_PX) + np.float32(SPAN_PX * PER_PX + 0.5)).astype(np.int32)
-    f, g, i = (_centred(a) for a in (rise.take(place, mode="clip"), slope.take(place, mode="clip"), levels))
-    ff, fg, gg, fi, gi, ii = (_sums(a, b) for a, b in ((f, f), (f, g), (g, g), (f, i), (g, i), (i, i)))
+    f, g, i = rise.take(place, mode="clip"), slope.take(place, mode="clip"), _centred(levels)
+    part = 1.0 / levels.shape[1]
+    sf, sg = (a.sum(axis=1, dtype=np.float64) for a in (f, g))
+    ff, fg, gg = _sums(f, f) - part * sf * sf, _sums(f, g) - part * sf * sg, _sums(g, g) - part * sg * sg
+    fi, gi, ii = _sums(f, i), _sums(g, i), _sums(i, i)
     det = ff * gg - fg * fg
     det[det <= 1e-9] = np.inf
     height = (gg * fi - fg * gi) / det
@@ -64,7 +69,7 @@ def block_offsets(levels: Singles, distance: Singles, blur_px: float) -> Offsets
 
 
 def _centred(a: Singles) -> Singles:
-    return a - a.mean(axis=1, keepdims=True)
+    return np.asarray(a - a.mean(axis=1, keepdims=True), np.float32)
 
 
 def _sums(a: Singles, b: Singles) -> Floats:
@@ -73,8 +78,7 @@ def _sums(a: Singles, b: Singles) -> Floats:
 
 def typical_height(offsets: Offsets, least: float) -> float:
     """The contrast of the outline: the median step of the blocks that have one."""
-    high = offsets.height[offsets.height > least]
-    return float(np.median(high)) if high.size else 0.0
+    return middle(offsets.height[offsets.height > least])
 
 
 def block_weights(offsets: Offsets, least: float) -> Floats:
@@ -87,7 +91,7 @@ def block_weights(offsets: Offsets, least: float) -> Floats:
     weight[(offsets.height < floor) | (np.abs(offsets.shift) > FARTHEST_PX)] = 0.0
     used = weight > 0.0
     if used.any():
-        weight = np.minimum(weight / np.median(weight[used]), 3.0)
+        weight = np.minimum(weight / middle(weight[used]), 3.0)
     return weight
 
 
