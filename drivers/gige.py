@@ -91,8 +91,9 @@ class GigeCamera:
                 self._part()
                 raise NoAnswer(self._name, f"{self._where} could not be opened in {OPEN_WITHIN_S} s") from None
             except (AravisError, LibraryMissing) as error:
+                meaning = self._meaning(error)  # before this connection is one of the earlier ones
                 self._part()
-                raise self._meaning(error) from error
+                raise meaning from error
             except (DeviceError, asyncio.CancelledError):
                 self._part()
                 raise
@@ -183,6 +184,8 @@ class GigeCamera:
             if self._connection is not None and self._connection.is_open:
                 self._connection.lose("took control away")
                 return LinkLost(self._name, f"{detail}; control was lost")
+            if self._parting:
+                return LinkLost(self._name, f"{detail}; an earlier connection has not let go of it yet")
             return Refused(self._name, "access denied", f"{detail}; another program controls it: stop that first")
         if error.code in (TIMEOUT, NOT_CONNECTED, NOT_FOUND):
             if self._connection is not None:

@@ -147,10 +147,8 @@ class PlcScan:
             await self._exchanged.wait()
 
     async def change(self) -> None:
-        """Return after the next exchange, or when the picture has become stale for want of one."""
-        with contextlib.suppress(TimeoutError):
-            async with asyncio.timeout(STALE_AFTER_S):
-                await self._exchanged.wait()
+        """Return when the exchange under way has ended, well or not: within 0.2 s while there is no trouble."""
+        await self._exchanged.wait()
 
     # -- commands --------------------------------------------------------------------------------------------------
 

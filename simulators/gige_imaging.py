@@ -142,11 +142,17 @@ class Imaging:
 
     def _expose(self) -> None:
         """Begin an exposure, unless one is under way or the camera's memory is full."""
-        start_s, registers = self._clock.now(), self.registers
-        busy = start_s < self._exposing_until_s or self._waiting.qsize() >= MOST_WAITING
-        if busy or not self.acquiring or self._pipeline.done():
-            self.counts.triggers_missed += 1
-            return
+        with self._clock.due_by(0.0):  # time stands while its own hold is being set
+            start_s = self._clock.now()
+            busy = start_s < self._exposing_until_s or self._waiting.qsize() >= MOST_WAITING
+            if busy or not self.acquiring or self._pipeline.done():
+                self.counts.triggers_missed += 1
+            else:
+                self._waiting.put_nowait(self._shot(start_s))
+
+    def _shot(self, start_s: float) -> _Shot:
+        """An exposure that begins now, and the hold on world time until its last packet is due."""
+        registers = self.registers
         end_s = start_s + registers["ExposureNs"] / 1e9
         due_s = max(end_s + READ_OUT_S, self._link_free_s) + registers["PayloadSize"] * WIRE_S_PER_BYTE
         self._exposing_until_s, self._link_free_s = end_s, due_s
@@ -161,7 +167,7 @@ class Imaging:
             registers["Width"],
             registers["Height"],
         )
-        self._waiting.put_nowait(_Shot(exposure, ticks(), end_s, due_s, hold, self._session))
+        return _Shot(exposure, ticks(), end_s, due_s, hold, self._session)
 
     async def _take_pictures(self) -> None:
         try:

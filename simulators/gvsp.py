@@ -27,7 +27,7 @@ UDP_OVERHEAD = 28
 LEADER, TRAILER, PAYLOAD = 0x01000000, 0x02000000, 0x03000000
 IMAGE = 1  # payload type
 PACE_BPS = 2.5e9
-BLIND_GROUP_BYTES = 48_000  # half a stock receive buffer of 212,992 bytes, as the kernel counts such packets
+BLIND_GROUP_BYTES = 96_000  # half a stock receive buffer of 212,992 bytes, as the kernel counts
 USABLE = 0.8  # of what is free in the receiver's buffer
 KEPT_BLOCKS = 4  # pictures that can be asked for again
 LONGEST_STALL_S = 0.05  # a receiver that does not read for so long loses packets, as from a real camera
@@ -62,7 +62,7 @@ class Block:
         pixels = np.ascontiguousarray(picture.pixels).reshape(-1)
         payloads = -(-pixels.size // chunk)
         self.last = payloads + 1
-        self.sendable = payloads  # highest number that may be sent again; the trailer's turn comes last
+        self.sendable = -1  # highest number that was sent: one that was not yet cannot be sent again
         self.packet_size = packet_size
         head, tail = self._ends()
         self._edges = np.frombuffer(head + tail, np.uint8).copy()
@@ -238,6 +238,7 @@ class Sender:
             part = messages[done : done + (allowed or len(messages))]
             self._transmit(part)
             done += len(part)
+            block.sendable = max(block.sendable, int(order[done - 1]))
             due_s += len(part) * (delay_s + pace_s)
             give_up_s = time.monotonic() + LONGEST_STALL_S
             time.sleep(max(0.0, due_s - time.monotonic()) if delay_s or pace_s else 0.0)

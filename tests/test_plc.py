@@ -63,7 +63,8 @@ class Belt:
         self._seen_s = now_s
         if self._leaving and not self._clamped and self._ran_s >= LEAVE_S:
             self.left.append((self._carrier, self._good))
-            self._carrier, self._leaving, self._ran_s = 0, False, 0.0
+            self._carrier, self._leaving = 0, False
+            self._ran_s -= LEAVE_S
         if not self._carrier and self.supply and self._ran_s >= TRAVEL_S:
             self.brought += 1
             self._carrier, self._ran_s, self._arrived_s = 500 + self.brought, 0.0, now_s

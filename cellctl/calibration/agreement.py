@@ -9,8 +9,9 @@ from typing import NoReturn
 import numpy as np
 
 from cellctl.calibration.errors import PosesDisagree
+from cellctl.calibration.plane_map import SCALE_RANGE_PX_PER_MM
 from cellctl.calibration.problem import WORST_SD, Fit, Problem, fit_problem, pose_fits, poses_out, prediction_error_mm
-from cellctl.calibration.scara import Kind
+from cellctl.calibration.scara import Kind, Linear, linear_start
 
 MOST_OUTLIERS = 0.25  # more poses out than this part: not outliers, something common is wrong
 MOST_SCALE_ERROR = 0.02  # board pitch against robot travel
@@ -22,14 +23,16 @@ def check_dots(problem: Problem) -> None:
     """Raise PosesDisagree when too many pictures show no flat, even board at all, whatever the poses."""
     design = np.column_stack([problem.board_mm, np.ones(len(problem.board_mm))])
     seen = problem.dots_px.transpose(1, 0, 2).reshape(len(design), -1)
-    off = (seen - design @ np.linalg.lstsq(design, seen, rcond=None)[0]).reshape(len(design), -1, 2)
-    rms_px = np.sqrt((off**2).mean((0, 2)))
-    bad = np.flatnonzero(rms_px > max(WORST_SD * problem.noise.dot_sd_px, MOST_BENT_PX)).tolist()
+    even = np.linalg.lstsq(design, seen, rcond=None)[0]
+    rms_px = np.sqrt(((seen - design @ even) ** 2).reshape(len(design), -1, 2).mean((0, 2)))
+    scales = np.linalg.svd(even[:2].reshape(2, -1, 2).transpose(1, 0, 2), compute_uv=False)
+    odd = (scales.min(1) < SCALE_RANGE_PX_PER_MM[0]) | (scales.max(1) > SCALE_RANGE_PX_PER_MM[1])
+    bad = np.flatnonzero(odd | (rms_px > max(WORST_SD * problem.noise.dot_sd_px, MOST_BENT_PX))).tolist()
     if len(bad) > MOST_OUTLIERS * len(rms_px):
         raise PosesDisagree(
             "dots",
             f"the dots of {len(bad)} of {len(rms_px)} pictures are not those of the board (worst {rms_px.max():.1f} px "
-            "rms off an even grid): check which board is described",
+            f"rms off an even grid, {scales.min():.3g} to {scales.max():.3g} px/mm): check which board is described",
             poses=tuple(bad),
         )
 
@@ -44,13 +47,18 @@ def check_agreement(fit: Fit) -> None:
 
 
 def _agrees(fit: Fit) -> bool:
-    return abs(fit.linear.scale - 1) <= MOST_SCALE_ERROR and not poses_out(fit)
+    return _right_scale(fit.linear) and not poses_out(fit)
+
+
+def _right_scale(linear: Linear) -> bool:
+    return abs(linear.scale - 1) <= MOST_SCALE_ERROR
 
 
 def _blame_convention(problem: Problem) -> None:
     """Raise when one of the usual mistakes, undone, makes all poses fit."""
     for sentence, other in _other_conventions(problem):
-        if _agrees(fit_problem(other)):
+        linear = linear_start(other.kind, other.poses, other.dots_px, other.board_mm)
+        if _right_scale(linear) and _agrees(fit_problem(other)):
             raise PosesDisagree("convention", f"{sentence}: with that changed all {len(problem.poses)} pictures agree")
 
 

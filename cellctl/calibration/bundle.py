@@ -24,7 +24,7 @@ SHARED = len(PARAMETERS)  # before the three corrections of each pose
 LENS = slice(9, 12)
 LENS_SD = np.array([1e-9, 100.0, 100.0])  # k1: 4 px at a 5 MP picture's corner; how far the lens' centre may be off, px
 MOST_STEPS = 30
-ENOUGH = 1e-7  # in squared sigmas: a smaller gain means nothing
+ENOUGH = 1e-6  # part of the cost, and squared sigmas: a smaller gain means nothing
 DAMPING = (1e-9, 1e9)  # first, last
 
 
@@ -38,20 +38,25 @@ class Normal(NamedTuple):
     s: FloatArray  # gradient (12,)
     p: FloatArray  # gradient (n, 3)
 
+    @property
+    def _size(self) -> FloatArray:
+        """What the shared parameters are scaled by: their mix of px, mm and 1/px^2 cannot be solved as it is."""
+        return np.asarray(np.sqrt(np.maximum(np.diag(self.ss), 1e-200)), np.float64)
+
     def step(self, damping: float) -> FloatArray:
         """The change of all unknowns that minimises, with Marquardt's damping."""
         pp_inverse = np.linalg.inv(self.pp + damping * self.pp * np.eye(3))
         carried = self.sp @ pp_inverse
         shared = self.ss + damping * self.ss * np.eye(SHARED) - (carried @ self.sp.transpose(0, 2, 1)).sum(0)
         right = self.s - (carried @ self.p[..., None]).sum(0)[:, 0]
-        size = np.sqrt(np.diag(self.ss))  # without this the mix of px, mm and 1/px^2 cannot be solved
+        size = self._size
         by_shared = -np.linalg.lstsq(shared / np.outer(size, size), right / size, rcond=None)[0] / size
         by_pose = -np.einsum("nij,nj->ni", pp_inverse, self.p + by_shared @ self.sp)
         return np.concatenate([by_shared, by_pose.ravel()])
 
     def covariance(self) -> FloatArray:
         """Of the shared parameters (12, 12), the robot's errors marginalised."""
-        size = np.sqrt(np.diag(self.ss))
+        size = self._size
         left = self.ss - (self.sp @ np.linalg.inv(self.pp) @ self.sp.transpose(0, 2, 1)).sum(0)
         inverse: FloatArray = np.linalg.inv(left / np.outer(size, size)) / np.outer(size, size)
         return inverse
@@ -186,7 +191,7 @@ def minimise(bundle: Bundle, x: FloatArray, dots_px: FloatArray) -> FloatArray:
             gain = normal.cost - bundle.cost(trial, dots_px)
             if gain > 0:
                 x, damping = trial, max(damping / 10, DAMPING[0])
-                if gain < ENOUGH * max(1.0, normal.cost):
+                if gain < ENOUGH * (1.0 + normal.cost):
                     break
                 normal = bundle.normal(x, dots_px)
             else:

@@ -157,20 +157,19 @@ def undistort(distorted_px: FloatArray, k1: float, centre: FloatArray) -> FloatA
     """Undo `distort`: solve s + k1 s^3 = r along the radius by Newton, which is monotone there."""
     away = distorted_px - centre
     radius2 = (away**2).sum(-1, keepdims=True)
-    usable = _usable_radius(k1)
-    _check_radius(radius2, usable * (1 + k1 * usable**2) if math.isfinite(usable) else usable, k1)
+    _check_radius(radius2, _usable_radius(k1) * (1 - USABLE_FOLD**2 / 3), k1)  # as far as `distort` can reach
     ratio = np.ones_like(radius2)  # s / r
     for _ in range(30):
         step = (ratio + k1 * radius2 * ratio**3 - 1) / (1 + 3 * k1 * radius2 * ratio**2)
         ratio -= step
-        if np.all(np.abs(step) < 1e-16):
+        if np.all(np.abs(step) < 1e-15):
             break
     undistorted: FloatArray = centre + away * ratio
     return undistorted
 
 
 def _usable_radius(k1: float) -> float:
-    return USABLE_FOLD / math.sqrt(-3 * k1) if k1 < 0 else math.inf
+    return USABLE_FOLD / math.sqrt(-3 * k1) if k1 < 0 else math.inf  # the fold is where 1 + 3 k1 r^2 = 0
 
 
 def _check_radius(radius2: FloatArray, limit_px: float, k1: float) -> None:

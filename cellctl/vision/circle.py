@@ -35,7 +35,7 @@ SPARE_PX = 4
 
 
 class _Rays(NamedTuple):
-    """Radial calipers about a pixel: steps to their pixels in the flat picture (rays, px, 3), design (rays, 3)."""
+    """Radial calipers about a pixel: steps to their pixels in the flat picture (3, rays, px), design (rays, 3)."""
 
     places: NDArray[np.intp]
     design: Floats
@@ -53,9 +53,8 @@ class _Ring(NamedTuple):
 @lru_cache(maxsize=8)
 def _rays(radius: int, width: int) -> _Rays:
     phi = np.arange(RAYS) * (2.0 * math.pi / RAYS)
-    c, s = np.cos(phi)[:, None, None], np.sin(phi)[:, None, None]
-    r = (radius + np.arange(-RAY_PX, RAY_PX + 1))[:, None]
-    beside = np.array([-1.5, 0.0, 1.5])
+    c, s = np.cos(phi)[:, None], np.sin(phi)[:, None]
+    r, beside = radius + np.arange(-RAY_PX, RAY_PX + 1), np.array([-1.5, 0.0, 1.5])[:, None, None]
     du, dv = np.rint(c * r - s * beside), np.rint(s * r + c * beside)
     return _Rays((dv * width + du).astype(np.intp), _harmonics(phi))
 
@@ -93,16 +92,14 @@ def catch_circle(pixels: Pixels, centre: Px, expected: ExpectedCircle, min_contr
     rays = _rays(round(expected.radius_px), pixels.shape[1])
     u, v = round(centre.u), round(centre.v)
     _inside(pixels, u, v, expected.radius_px + RAY_PX)
-    profile = pixels.reshape(-1).take(rays.places + (v * pixels.shape[1] + u))
-    hit, height = step_response(
-        profile.sum(axis=2, dtype=np.float32) / np.float32(3.0), 1.0 if expected.dark_inside else -1.0
-    )
+    profile = pixels.reshape(-1).take(rays.places + (v * pixels.shape[1] + u)).sum(axis=0, dtype=np.float32)
+    hit, height = step_response(profile / np.float32(3.0), 1.0 if expected.dark_inside else -1.0)
     strong = height > 0.5 * min_contrast
     d, design = (hit - RAY_PX)[strong], rays.design[strong]
     together = circle_consensus(design, d, GROWTH_PX)
     if together is None or np.count_nonzero(together) < FEWEST_SECTORS:
         raise NotFound("hole", f"no round outline near ({centre.u:.0f}, {centre.v:.0f}) px")
-    shift = tukey_fit(design, d, together.astype(np.float64), 3).parameters
+    shift = tukey_fit(design, d, together.astype(np.float64), 2).parameters
     return RoughCircle(Px(u + float(shift[0]), v + float(shift[1])), round(expected.radius_px) + float(shift[2]))
 
 
@@ -120,7 +117,7 @@ def measure_circle(pixels: Pixels, rough: RoughCircle, expected: ExpectedCircle,
         weights = block_weights(offsets, 0.5 * limits.min_contrast)
         if np.count_nonzero(weights) < FEWEST_SECTORS:
             raise NotFound("hole", f"{np.count_nonzero(weights)} of {len(weights)} sectors see its outline")
-        fit = tukey_fit(part.design, -outward * offsets.shift, weights, 3 if every > 1 else 6)
+        fit = tukey_fit(part.design, -outward * offsets.shift, weights, 2 if every > 1 else 5)
         du, dv, growth = (float(p) for p in fit.parameters)
         centre, radius = Px(centre.u + du, centre.v + dv), radius + growth
         blur = estimate_blur(levels, distance, offsets, fit.weights) or blur if every > 1 else blur

@@ -18,9 +18,11 @@ from cellctl.vision.picture import COARSE, Coarse, to_coarse, to_fine
 
 Singles: TypeAlias = NDArray[np.float32]
 
-ANGLES = 49
+TURN_STEP_DEG = 0.16
+MOST_TURNS = 64  # to either side
 SPARE_DEG = 12.0  # gradients of noisy pixels point that far off their edge's normal
-SUPPRESSED_ANGLES, SUPPRESSED_BINS = 12, 6  # around a peak: no second hypothesis there
+SUPPRESSED_BINS = 6  # to either side of a peak: no second hypothesis there
+LEAST_SHARE = 0.8  # of the best peak's votes; half of joint votes come from the other edge
 GRADIENT_PER_LEVEL = 2.0  # the weakest edge of contrast c has coarse gradients of this times c
 
 
@@ -83,16 +85,17 @@ def line_votes(picture: Coarse, edge: ExpectedEdge, reach_px: float, angle_deg: 
 
 
 def _accumulated(s: Singles, d: Singles, weight: Singles, reach: float, angle: float) -> Votes:
-    turns = np.linspace(-angle, angle, ANGLES).astype(np.float32)
+    steps = min(math.ceil(math.degrees(angle) / TURN_STEP_DEG), MOST_TURNS)
+    turns = np.linspace(-angle, angle, 2 * steps + 1, dtype=np.float32)
     middle = math.ceil(2.0 * reach) + 1
-    bins = 2 * middle + 1
-    place = (2.0 * (d - s * np.tan(turns)[:, None]) + np.float32(middle + 0.5)).astype(np.int32)
-    inside = (place >= 0) & (place < bins)
-    place += (np.arange(ANGLES, dtype=np.int32) * bins)[:, None]
-    weights = np.broadcast_to(weight, place.shape)[inside]
-    count = np.bincount(place[inside], weights=weights, minlength=bins * ANGLES)
-    count = cv2.GaussianBlur(count.reshape(ANGLES, bins).astype(np.float32), (5, 3), 0, borderType=cv2.BORDER_CONSTANT)
-    return Votes(np.asarray(count, np.float32), turns)
+    bins = 2 * middle + 3  # the outermost two take what is out of reach
+    place = 2.0 * (d - s * np.tan(turns)[:, None]) + np.float32(middle + 1.5)
+    place = place.clip(0, bins - 1).astype(np.int32)
+    place += (np.arange(turns.size, dtype=np.int32) * bins)[:, None]
+    count = np.bincount(place.reshape(-1), np.tile(weight, turns.size), minlength=bins * turns.size)
+    votes = count.reshape(-1, bins)[:, 1:-1].astype(np.float32)
+    votes = cv2.GaussianBlur(votes, (5, 3), 0, borderType=cv2.BORDER_CONSTANT)
+    return Votes(np.asarray(votes, np.float32), turns)
 
 
 def rough_lines(votes: Votes, edge: ExpectedEdge, most: int) -> list[RoughLine]:
@@ -100,16 +103,17 @@ def rough_lines(votes: Votes, edge: ExpectedEdge, most: int) -> list[RoughLine]:
     count, lines = votes.count.copy(), []
     middle, along, bright, _ = _frame(edge)
     way = 1.0 if along[0] * bright[1] - along[1] * bright[0] > 0.0 else -1.0  # sense of turning towards the bright side
+    least = 0.0
     for _ in range(most):
         _, best, _, (column, row) = cv2.minMaxLoc(count)
-        if best <= 0.0:
+        if best <= least:
             break
+        least = max(least, LEAST_SHARE * best)
         offset, turn = (column - count.shape[1] // 2) / 2.0, float(votes.turns[row])
         c, s = math.cos(turn), math.sin(turn)
         point = Px(*(to_fine(middle[i] + offset * bright[i]) for i in (0, 1)))
         lines.append(RoughLine(point, Px(*(c * along[i] + s * bright[i] for i in (0, 1))), way * turn))
-        first_row, first_column = max(0, row - SUPPRESSED_ANGLES), max(0, column - SUPPRESSED_BINS)
-        count[first_row : row + SUPPRESSED_ANGLES + 1, first_column : column + SUPPRESSED_BINS + 1] = 0.0
+        count[:, max(0, column - SUPPRESSED_BINS) : column + SUPPRESSED_BINS + 1] = 0.0
     return lines
 
 

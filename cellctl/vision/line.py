@@ -31,8 +31,8 @@ from cellctl.vision.robust import Fit, covariance, line_consensus, middle, tukey
 
 BLOCK_PX = 16
 BAND_PX = 7.0  # to either side of the edge, measured across it
-CALIPERS = 80
-CALIPER_PX = 24  # to either side of the rough line
+CALIPERS = 64
+CALIPER_PX = 20  # to either side of the rough line
 HAAR_PX = 4  # half width of the step detector
 FEWEST_BLOCKS = 8
 PASSES = (2, 1)  # a rough measurement of every second block, then all
@@ -129,7 +129,7 @@ def catch_line(pixels: Pixels, scan: Scan, near: Line, first: int, last: int, mi
     together = line_consensus(t, n)
     if together is None or np.count_nonzero(together) < 3:
         return None
-    fit = tukey_fit(np.stack([np.ones_like(t), t], axis=1), n, together.astype(np.float64), 3)
+    fit = tukey_fit(np.stack([np.ones_like(t), t], axis=1), n, together.astype(np.float64), 2)
     score = np.count_nonzero(fit.weights) / CALIPERS * math.sqrt(middle(height[strong][together]))
     return Caught(Line(near.at, float(fit.parameters[0]), float(fit.parameters[1])), score)
 
@@ -179,7 +179,7 @@ def measure_line(
         if 2 * np.count_nonzero(weights) < FEWEST_BLOCKS:
             raise NotFound(name, f"{np.count_nonzero(weights)} of {len(weights)} blocks see an edge")
         shift = -offsets.shift * (scan.rising / line.cosine)
-        fit = tukey_fit(design[::every], shift, weights, 3 if every > 1 else 6)
+        fit = tukey_fit(design[::every], shift, weights, 2 if every > 1 else 5)
         line = Line(line.at, line.height + float(fit.parameters[0]), line.slope + float(fit.parameters[1]))
         blur = estimate_blur(band.levels, band.distance, offsets, fit.weights) or blur if every > 1 else blur
     edge = _edge(scan, line, t, fit, covariance(design, fit, weights), offsets, blur, limits)

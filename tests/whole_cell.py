@@ -1,0 +1,201 @@
+"""A whole cell for tests: one world behind its protocol servers, and the daemon's own objects, in one process.
+
+`commissioned` calibrates and teaches once per test session; every test then gets a fresh world of the same seed (the
+same bolts in the same places) and a copy of what was learnt. Tests judge by `bench.world`.
+"""
+
+import asyncio
+import contextlib
+import itertools
+import os
+import shutil
+from collections.abc import AsyncIterator, Callable
+from pathlib import Path
+from typing import Any
+
+from cellctl.cell import Cell
+from cellctl.config import CellConfig, load_config
+from cellctl.control_requests import parse_request
+from cellctl.daemon import build_devices, with_state
+from cellctl.events import Event
+from cellctl.hand import Devices
+from cellctl.journal import Journal
+from cellctl.journal_file import FILE_NAME
+from cellctl.machine import State
+from cellctl.pictures import Pictures
+from cellctl.records import units
+from cellctl.session import Session
+from simulators.cell import Addresses, SimulatedCell
+from simulators.product import load_product
+from simulators.world import World
+
+ROOT = Path(__file__).resolve().parent.parent
+SEED = 11
+SPEED = 50.0
+WITHIN_S = 30.0
+_next = itertools.count(1)
+
+
+def loopback() -> str:
+    """The first three bytes of loopback addresses that no other test has."""
+    return f"127.{20 + os.getpid() % 200}.{next(_next) % 250}"
+
+
+class Bench:
+    """One running cell."""
+
+    def __init__(self, world: World, simulated: SimulatedCell, config: CellConfig, devices: Devices) -> None:
+        self.world = world
+        self.simulated = simulated
+        self.config = config
+        self.devices = devices
+        self.events: list[Event] = []
+        self.cell: Cell
+        self.session: Session
+        self.journal: Journal
+
+    async def ask(self, verb: str, **what: object) -> dict[str, Any]:
+        """What a client of the control socket would ask."""
+        import json
+
+        request = parse_request(json.dumps({"version": 1, "verb": verb, **what}).encode())
+        return dict(await self.session.handle(request))  # type: ignore[arg-type]
+
+    async def command(self, name: str, *until: State) -> None:
+        """A command, and wait for the state that it leads to."""
+        await self.ask("command", name=name)
+        await self.until(*until)
+
+    async def until(self, *states: State) -> None:
+        """Wait for one of these states."""
+        async with asyncio.timeout(WITHIN_S):
+            while self.cell.state not in states:
+                await asyncio.sleep(0.005)
+
+    async def when(self, holds: Callable[[], bool]) -> None:
+        """Wait for something to be so."""
+        async with asyncio.timeout(WITHIN_S):
+            while not holds():
+                await asyncio.sleep(0.001)
+
+    async def ready(self, recipe: str = "x85") -> None:
+        """To Idle with a recipe."""
+        if self.cell.state is State.ABORTED:
+            await self.command("clear", State.STOPPED)
+        await self.ask("recipe_use", name=recipe)
+        await self.command("reset", State.IDLE)
+
+    async def start(self, count: int) -> None:
+        """Begin a production run."""
+        await self.ask("units_left", count=count)
+        await self.ask("command", name="start")
+
+    async def produce(self, count: int, recipe: str = "x85") -> list[dict[str, Any]]:
+        """A production run to its end; the records of its units, oldest first."""
+        await self.ready(recipe)
+        await self.start(count)
+        await self.until(State.COMPLETE)
+        await self.when(lambda: self.world.base is None)
+        return self.records(count)
+
+    def records(self, count: int) -> list[dict[str, Any]]:
+        """The last unit records, oldest first."""
+        return units(self.config.paths.state / FILE_NAME, last=count)
+
+    def said(self, kind: str) -> list[Event]:
+        """Events of one kind."""
+        return [event for event in self.events if event["event"] == kind]
+
+    async def commission(self, repeats: int, recipe: str = "x85") -> None:
+        """Calibrate and teach, a person helping."""
+        for request in ({"verb": "calibrate", "what": "camera-1"}, {"verb": "calibrate", "what": "camera-2"}):
+            await self.ready(recipe)
+            await self.ask(**request)
+            await self.until(State.COMPLETE)
+        await self.ready(recipe)
+        await self.ask("teach", repeats=repeats)
+        while self.cell.state is not State.COMPLETE:
+            await self.help()
+            await asyncio.sleep(0.005)
+            assert self.cell.state not in {State.ABORTED, State.HELD, State.SUSPENDED}, self.cell.message
+
+    async def help(self) -> None:
+        """Do what a person is asked for."""
+        asked = (await self.ask("status"))["asks"]
+        if asked:
+            what = self.said("progress")[-1]["asks"]
+            getattr(self.world, str(what).replace("-", "_"))()
+            await self.ask("proceed")
+
+
+@contextlib.asynccontextmanager
+async def whole_cell(
+    folder: Path,
+    *,
+    learnt: Path | None = None,
+    product: str = "x85",
+    seed: int = SEED,
+    speed: float = SPEED,
+    recipes: Path | None = None,
+    before_start: Callable[[Bench], None] = lambda bench: None,
+) -> AsyncIterator[Bench]:
+    """A running cell; `learnt` is the state folder of a commissioned one of the same seed."""
+    config = _config(folder, loopback(), recipes)
+    if learnt is not None:
+        shutil.copytree(learnt, config.paths.state, ignore=shutil.ignore_patterns("*.db*", "log", "pictures"))
+    net = config.plc.host.rpartition(".")[0]
+    world = World(seed, load_product(config.paths.recipes / f"{product}.toml"), speed=speed)
+    addresses = Addresses(f"{net}.1", config.plc.port, f"{net}.1", 10023, f"{net}.2", f"{net}.3")
+    async with SimulatedCell(world, addresses) as simulated:
+        bench = Bench(world, simulated, config, build_devices(config))
+        before_start(bench)
+        async with _running(bench):
+            yield bench
+
+
+def _config(folder: Path, net: str, recipes: Path | None) -> CellConfig:
+    text = (ROOT / "deploy" / "simulated-cell.toml").read_text(encoding="utf-8")
+    text = text.replace('"127.0.0.', f'"{net}.').replace("tcp://127.0.0.", f"tcp://{net}.")
+    text = text.replace('"../recipes"', f'"{recipes or ROOT / "recipes"}"')
+    path = folder / "cell.toml"
+    path.write_text(text, encoding="utf-8")
+    return with_state(load_config(path), folder / "state")
+
+
+@contextlib.asynccontextmanager
+async def _running(bench: Bench) -> AsyncIterator[None]:
+    state = bench.config.paths.state
+    state.mkdir(parents=True, exist_ok=True)
+    bench.journal = await Journal.open(state / FILE_NAME)
+    pictures = Pictures(state / "pictures")
+    bench.session = Session(bench.config, bench.devices, bench.journal, pictures)
+    bench.cell = Cell(bench.config, bench.devices, bench.events.append)
+    bench.session.attach(bench.cell, bench.events.append)
+    scan = asyncio.create_task(bench.devices.plc.run())
+    try:
+        await bench.cell.start_up(clean=bench.journal.clean)
+        main = asyncio.create_task(bench.cell.run())
+        try:
+            yield
+        finally:
+            await bench.cell.shut_down()
+            main.cancel()
+            await asyncio.wait([main])
+    finally:
+        scan.cancel()
+        await asyncio.wait([scan])
+        for device in (bench.devices.camera_1, bench.devices.camera_2, bench.devices.robot):
+            await device.close()
+        pictures.close()
+        await bench.journal.close()
+
+
+def commission(folder: Path, *, product: str = "x85", repeats: int = 8, recipes: Path | None = None) -> Path:
+    """Calibrate and teach once; returns the state folder."""
+
+    async def run() -> Path:
+        async with whole_cell(folder, product=product, recipes=recipes) as bench:
+            await bench.commission(repeats, product)
+            return bench.config.paths.state
+
+    return asyncio.run(run())
