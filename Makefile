@@ -3,6 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 STAMP := $(VENV)/.installed
 PACKAGES := libaravis-0.8-0
+COMPILE := --quiet --universal --python-version 3.11 --generate-hashes --no-annotate --no-header
 
 .PHONY: help demo test test-all check lint format lock clean bench-vision
 
@@ -11,7 +12,7 @@ help:
 	@echo "make test          lint, types, import rules, tests"
 	@echo "make bench-vision  noise, bias and time of the finders"
 	@echo "make format        format the code"
-	@echo "make lock          renew requirements.lock from pyproject.toml"
+	@echo "make lock          renew deploy/requirements.lock and tests/requirements.lock from pyproject.toml"
 	@echo "make clean         remove the virtual environment and everything built"
 
 demo: $(STAMP) packages
@@ -33,11 +34,11 @@ format: $(STAMP)
 	$(VENV)/bin/ruff check --fix-only .
 	$(VENV)/bin/ruff format .
 
-$(STAMP): requirements.lock pyproject.toml
+$(STAMP): tests/requirements.lock pyproject.toml
 	@$(PYTHON) -c 'import sys, venv, ensurepip; sys.exit(sys.version_info < (3, 11))' || \
 		{ echo "cellctl needs Python 3.11 or newer with venv: apt-get install python3 python3-venv"; exit 1; }
 	$(PYTHON) -m venv --clear $(VENV)
-	$(VENV)/bin/pip install --quiet --disable-pip-version-check --require-hashes -r requirements.lock
+	$(VENV)/bin/pip install --quiet --disable-pip-version-check --require-hashes -r tests/requirements.lock
 	$(VENV)/bin/pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation --editable .
 	@touch $@
 
@@ -47,8 +48,9 @@ packages:
 
 lock: $(STAMP)
 	$(VENV)/bin/pip install --quiet --disable-pip-version-check uv
-	$(VENV)/bin/uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-annotate --no-header \
-		--extra test pyproject.toml -o requirements.lock
+	$(VENV)/bin/uv pip compile $(COMPILE) --extra test pyproject.toml -o tests/requirements.lock
+	$(VENV)/bin/uv pip compile $(COMPILE) --extra build --constraints tests/requirements.lock \
+		pyproject.toml -o deploy/requirements.lock
 
 clean:
 	rm -rf $(VENV) build *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis .benchmarks

@@ -29,7 +29,7 @@ from cellctl.machine import (
 from drivers.errors import DeviceError
 
 ENDING_WITHIN_S = 60.0
-READY_WITHIN_S = 5.0
+READY_WITHIN_S = 3.0
 TICK_S = 0.2
 AT_REST = {State.STOPPED, State.ABORTED, State.ABORTING, State.CLEARING}
 ENDING = {State.STOPPING, State.HOLDING, State.SUSPENDING, State.COMPLETING}

@@ -16,8 +16,8 @@ from typing import Any
 
 from cellctl import views
 from cellctl.config import CellConfig
-from cellctl.faults import BatteryLost, NoParts, OffsetTooLarge, PlacementUncertain, VacuumStuck
-from cellctl.geometry import Mm, Offset, Pose, offset_about, place_pose
+from cellctl.faults import BatteryLost, FormulasDisagree, NoParts, OffsetTooLarge, PlacementUncertain, VacuumStuck
+from cellctl.geometry import Mm, Offset, Pose, disagreement_mm, offset_about, place_pose
 from cellctl.hand import Hand
 from cellctl.journal import Journal
 from cellctl.log import bind, step
@@ -28,6 +28,8 @@ from cellctl.sight import Sight, grab
 from cellctl.vision import BaseMeasurement, BatteryMeasurement
 from drivers.camera import Frame
 from drivers.errors import NoAnswer, Refused
+
+SAME_MM = 1e-6
 
 
 @dataclass(frozen=True)
@@ -138,7 +140,7 @@ async def locate_base(job: Job, unit: Unit, frame: Frame) -> Pose:
     )
     robot_from_base = taught.look_1 @ tool_from_base
     centre = taught.robot_from_base.point(seat.seat_x_mm, seat.seat_y_mm)
-    unit.base = offset_about(centre, taught.robot_from_base, robot_from_base)
+    unit.base = checked_offset("base", centre, taught.robot_from_base, robot_from_base)
     check_offset("base", unit.base, limits.base_offset_mm, limits.base_offset_deg)
     return robot_from_base
 
@@ -152,9 +154,17 @@ async def locate_battery(job: Job, unit: Unit, frame: Frame) -> Pose:
     tool_from_battery = taught.look_2.inverse() @ robot_from_battery
     on_table = taught.robot_from_battery_on_table
     centre = Mm(on_table.x_mm, on_table.y_mm)
-    unit.battery = offset_about(centre, on_table, taught.table_pick @ tool_from_battery)
+    unit.battery = checked_offset("battery", centre, on_table, taught.table_pick @ tool_from_battery)
     check_offset("battery", unit.battery, limits.battery_offset_mm, limits.battery_offset_deg)
     return tool_from_battery
+
+
+def checked_offset(part: str, centre: Mm, taught: Pose, found: Pose) -> Offset:
+    """The offset about the rotation centre, computed as poses and proven by eq. 12-16."""
+    away_mm = disagreement_mm(centre, taught, found)
+    if not away_mm < SAME_MM:
+        raise FormulasDisagree(f"{part}: the pose form and eq. 12-16 differ by {away_mm:g} mm")
+    return offset_about(centre, taught, found)
 
 
 def check_offset(part: str, offset: Offset, limit_mm: float, limit_deg: float) -> None:

@@ -59,6 +59,10 @@ class PlacementUncertain(CellError):
     """The predicted placement error is larger than the recipe allows."""
 
 
+class FormulasDisagree(CellError):
+    """The two independent forms of the correction do not give the same place: the program cannot be trusted."""
+
+
 class PickFailed(CellError):
     """The cup came up empty."""
 
@@ -124,6 +128,7 @@ FAULTS: dict[type[Exception], Fault] = {
     BatteryNotFound: Fault("V2", Reaction.REJECT, "Check cup and lens of camera 2 if it happens again."),
     OffsetTooLarge: Fault("V3", Reaction.REJECT, "Check carrier, table and recipe limits if it happens again."),
     PlacementUncertain: Fault("V4", Reaction.REJECT, "Check lens, light and calibration if it happens again."),
+    FormulasDisagree: Fault("X2", Reaction.ABORT, "Software error. Keep the log; do not go on with this version."),
     RecordLost: Fault("R1", Reaction.ABORT, "Make room on the disk or replace it, then restart the service."),
 }
 UNKNOWN = Fault("X1", Reaction.ABORT, "Software error. Keep the log, then Clear and Reset.")

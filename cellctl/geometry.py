@@ -57,8 +57,8 @@ class Pose(NamedTuple):
 
 
 def wrap_deg(angle_deg: float) -> float:
-    """The same angle in [-180, 180)."""
-    return (angle_deg + 180.0) % 360.0 - 180.0
+    """The same angle in [-180, 180]."""
+    return math.remainder(angle_deg, 360.0)
 
 
 def direction_deg(start: Mm, end: Mm) -> float:
@@ -67,15 +67,11 @@ def direction_deg(start: Mm, end: Mm) -> float:
 
 
 def mean_pose(poses: Iterable[Pose]) -> Pose:
-    """Mean of poses that lie close together (angles within 180 deg of the first)."""
-    poses = list(poses)
-    first = poses[0].t_deg
-    count = len(poses)
-    return Pose(
-        sum(p.x_mm for p in poses) / count,
-        sum(p.y_mm for p in poses) / count,
-        wrap_deg(first + sum(wrap_deg(p.t_deg - first) for p in poses) / count),
-    )
+    """Mean of poses that lie close together; angles are averaged as directions."""
+    x_mm, y_mm, t_deg = zip(*poses, strict=True)
+    sine = sum(math.sin(math.radians(t)) for t in t_deg)
+    cosine = sum(math.cos(math.radians(t)) for t in t_deg)
+    return Pose(sum(x_mm) / len(x_mm), sum(y_mm) / len(y_mm), math.degrees(math.atan2(sine, cosine)))
 
 
 def turned_about(centre: Mm, offset: Offset) -> Pose:
@@ -107,6 +103,16 @@ def compensation(centre: Mm, taught_mark: Mm, taught_line_deg: float, mark: Mm, 
     dx = (taught_mark.x_mm - centre.x_mm) - math.hypot(x, y) * math.cos(turned)  # eq. 15
     dy = (taught_mark.y_mm - centre.y_mm) - math.hypot(x, y) * math.sin(turned)  # eq. 16
     return Offset(dx, dy, dt_deg)
+
+
+def disagreement_mm(centre: Mm, taught: Pose, found: Pose) -> float:
+    """How far the two forms of the correction, eq. 12-16 and poses, put the part from each other; 0 but for rounding.
+
+    The part's origin is its mark and its x axis the reference line. The angle counts at 100 mm from the mark.
+    """
+    correction = compensation(centre, Mm(*taught[:2]), taught.t_deg, Mm(*found[:2]), found.t_deg)
+    left = taught.inverse() @ turned_about(centre, correction) @ found
+    return math.hypot(left.x_mm, left.y_mm, 100.0 * math.radians(left.t_deg))
 
 
 def place_pose(robot_from_base: Pose, base_from_battery: Pose, tool_from_battery: Pose) -> Pose:

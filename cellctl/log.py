@@ -108,7 +108,6 @@ def _route_standard_library(least: int) -> logging.Handler:
     root.addHandler(handler)
     root.setLevel(least)
     logging.getLogger("asyncio").setLevel(logging.WARNING)
-    logging.getLogger("pymodbus").setLevel(logging.WARNING)
     return handler
 
 

@@ -11,7 +11,7 @@ set -eu
 
 here=$(cd "$(dirname "$0")" && pwd)
 checkout=$(dirname "$here")
-lock=$checkout/requirements.lock
+lock=$checkout/deploy/requirements.lock
 venv=/opt/cellctl/venv
 etc=${DESTDIR:-}/etc
 

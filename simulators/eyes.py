@@ -27,13 +27,15 @@ class Eye:
         self._rng = world.stream(f"camera {camera}")
 
     def __call__(self, exposure: Exposure) -> NDArray[np.uint8]:
-        """The picture, (height, width) of the whole sensor, as at the middle of the exposure."""
+        """The asked part of the sensor, (height, width), as at the middle of the exposure."""
         at_s = exposure.start_world_s + exposure.exposure_us * 0.5e-6
         scene = self._down(at_s) if self._camera == 1 else self._up(at_s)
         light = 1.0 if self._world.lights[self._camera] else LIGHT_OFF
         gain = 10 ** (exposure.gain_db / 20) * exposure.exposure_us / NOMINAL_EXPOSURE_US
         fault = self._world.light_fault.get(self._camera, 1.0)
-        return render(scene, self._optics, self._rng, exposure=light * gain * fault)
+        seen = render(scene, self._optics, self._rng, exposure=light * gain * fault)
+        top, left = exposure.offset_y, exposure.offset_x
+        return seen[top : top + exposure.height, left : left + exposure.width]
 
     def warm(self) -> None:
         """See every kind of thing once: the first picture makes tables for all later ones and takes long."""

@@ -12,6 +12,7 @@ from cellctl.geometry import (
     Pose,
     compensation,
     direction_deg,
+    disagreement_mm,
     mean_pose,
     offset_about,
     place_pose,
@@ -60,6 +61,11 @@ def test_the_corrected_equations_12_to_16_agree_with_the_pose_form(centre: Mm, t
     assert same(turned_about(centre, correction) @ found, taught, 1e-7)
 
 
+@given(points, poses, poses)
+def test_the_two_forms_of_the_correction_never_disagree(centre: Mm, taught: Pose, found: Pose) -> None:
+    assert disagreement_mm(centre, taught, found) < 1e-7
+
+
 @given(points, st.builds(Offset, st.floats(-2, 2), st.floats(-2, 2), st.floats(-5, 5)), poses)
 def test_the_correction_undoes_the_offset(centre: Mm, offset: Offset, taught: Pose) -> None:
     found = turned_about(centre, offset) @ taught
@@ -75,8 +81,9 @@ def test_the_held_battery_comes_to_its_taught_place_in_the_base(base: Pose, seat
 
 
 def test_a_line_along_an_axis_has_a_direction() -> None:
-    assert direction_deg(Mm(0, 0), Mm(0, 5)) == 90
-    assert direction_deg(Mm(0, 0), Mm(-5, 0)) == 180
+    assert direction_deg(Mm(3, 4), Mm(3, 9)) == 90
+    assert direction_deg(Mm(3, 4), Mm(-5, 4)) == 180
+    assert direction_deg(Mm(3, 4), Mm(4, 3)) == pytest.approx(-45)
 
 
 def test_the_mean_of_poses_does_not_tear_at_180_degrees() -> None:

@@ -89,7 +89,7 @@ async def until_threads_end(within_s: float = 2.0) -> None:
 
 async def until(true: Callable[[], bool], within_s: float = 2.0) -> None:
     async with asyncio.timeout(within_s):
-        while not true():  # noqa: ASYNC110  # what is awaited happens in other threads
+        while not true():  # what is awaited happens in other threads
             await asyncio.sleep(0.01)
 
 

@@ -329,7 +329,7 @@ async def test_a_controller_that_falls_silent_loses_control():
         await client.write(AT["GevCCP"], 2)
         await client.write(AT["GevHeartbeatTimeout"], 500)
         async with asyncio.timeout(2.0):
-            while await other.write(AT["GevCCP"], 2) != OK:  # noqa: ASYNC110  # a client has to ask
+            while await other.write(AT["GevCCP"], 2) != OK:  # a client has to ask
                 await asyncio.sleep(0.05)
 
 

@@ -165,7 +165,7 @@ async def cell(speed: float = 20.0, **options: Any) -> AsyncIterator[Cell]:
 
 async def eventually(holds: Callable[[], bool], within_s: float = 2.0) -> None:
     async with asyncio.timeout(within_s):
-        while not holds():  # noqa: ASYNC110  (the world has no events)
+        while not holds():
             await asyncio.sleep(0.002)
 
 

@@ -1,7 +1,7 @@
 """What goes wrong ends in the right state, with one clear sentence and the unit recorded; judged by the world."""
 
 import asyncio
-import os
+import shutil
 import signal
 import sys
 from pathlib import Path
@@ -10,10 +10,17 @@ import pytest
 
 from cellctl.client import call
 from cellctl.control_errors import Declined
+from cellctl.journal import Journal
 from cellctl.journal_file import FILE_NAME
 from cellctl.machine import NotAllowed, State
 from cellctl.records import units
-from tests.whole_cell import ROOT, Bench, whole_cell
+from tests.whole_cell import ROOT, Bench, running, simulated, whole_cell
+
+
+def carrying(bench: Bench) -> bool:
+    """A battery hangs on the cup and has left the table."""
+    now_s = bench.world.clock.now()
+    return bench.world.held is not None and bench.world.arm.tool_at(now_s).z_mm < 61.0
 
 
 async def moved_since(bench: Bench, for_s: float = 0.05) -> bool:
@@ -38,9 +45,7 @@ async def test_a_carrier_without_a_base_is_rejected_and_the_next_unit_is_made(le
         assert len(pictures) == 1
 
 
-async def test_a_dark_camera_2_rejects_the_unit_and_the_battery_goes_to_the_tray(
-    learnt: Path, tmp_path: Path
-) -> None:
+async def test_a_dark_camera_2_rejects_the_unit_and_the_battery_goes_to_the_tray(learnt: Path, tmp_path: Path) -> None:
     async with whole_cell(tmp_path, learnt=learnt) as bench:
         bench.world.inject("camera_2", "dark")
         (record,) = await bench.produce(1)
@@ -56,7 +61,7 @@ async def test_a_battery_lost_on_the_way_holds_the_cell_and_a_person_lets_it_go_
     async with whole_cell(tmp_path, learnt=learnt) as bench:
         await bench.ready()
         await bench.start(2)
-        await bench.when(lambda: bench.world.held is not None)
+        await bench.when(lambda: carrying(bench))
         bench.world.inject("vacuum", "lost")
         await bench.until(State.HELD)
         (record,) = bench.records(1)
@@ -200,13 +205,13 @@ async def test_a_recipe_with_a_mistake_is_refused_with_its_place(learnt: Path, t
 
 
 async def test_sigterm_ends_the_unit_cleanly_and_leaves_the_arm_standing(learnt: Path, tmp_path: Path) -> None:
-    """The daemon as its own process, as systemd runs it."""
-    async with whole_cell(tmp_path, learnt=learnt) as bench:
-        config = tmp_path / "cell.toml"
+    """The daemon as a process of its own, as systemd runs it."""
+    async with simulated(tmp_path, learnt=learnt) as bench:
         state = bench.config.paths.state
-        await bench.ready()
-    async with whole_cell_of_others(tmp_path, learnt) as (bench, process, state, config):
+        arguments = ("-m", "cellctl", "run", "--config", str(tmp_path / "cell.toml"), "--state", str(state))
+        daemon = await asyncio.create_subprocess_exec(sys.executable, *arguments, stdout=asyncio.subprocess.DEVNULL)
         socket = state / "control.sock"
+        await bench.when(socket.exists)
         await call(socket, {"verb": "recipe_use", "name": "x85"})
         await call(socket, {"verb": "command", "name": "reset"})
         async with asyncio.timeout(20):
@@ -214,8 +219,27 @@ async def test_sigterm_ends_the_unit_cleanly_and_leaves_the_arm_standing(learnt:
                 await asyncio.sleep(0.02)
         await call(socket, {"verb": "command", "name": "start"})
         await bench.when(lambda: bench.world.held is not None)
-        process.send_signal(signal.SIGTERM)
-        assert await asyncio.wait_for(process.wait(), 30) == 0
+        daemon.send_signal(signal.SIGTERM)
+        assert await asyncio.wait_for(daemon.wait(), 30) == 0
         assert not await moved_since(bench)
         assert bench.world.held is None
         assert units(state / FILE_NAME, last=1)[0]["verdict"] == "placed"
+
+
+async def test_a_killed_daemon_leaves_its_unit_recorded_and_starts_in_aborted(learnt: Path, tmp_path: Path) -> None:
+    async with simulated(tmp_path, learnt=learnt) as bench:
+        state = bench.config.paths.state
+        async with running(bench):
+            await bench.ready()
+            await bench.start(0)
+            await bench.when(lambda: bench.world.held is not None)
+            began = units(state / FILE_NAME, last=1)[0]["unit"]
+            copy = tmp_path / "as-after-a-power-cut"
+            shutil.copytree(state, copy)
+        journal = await Journal.open(copy / FILE_NAME)
+        try:
+            assert not journal.clean
+            (lost,) = await journal.close_interrupted("the last run was interrupted")
+            assert lost.unit == began
+        finally:
+            await journal.close()

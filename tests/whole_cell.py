@@ -7,6 +7,7 @@ same bolts in the same places) and a copy of what was learnt. Tests judge by `be
 import asyncio
 import contextlib
 import itertools
+import json
 import os
 import shutil
 from collections.abc import AsyncIterator, Callable
@@ -44,9 +45,8 @@ def loopback() -> str:
 class Bench:
     """One running cell."""
 
-    def __init__(self, world: World, simulated: SimulatedCell, config: CellConfig, devices: Devices) -> None:
+    def __init__(self, world: World, config: CellConfig, devices: Devices) -> None:
         self.world = world
-        self.simulated = simulated
         self.config = config
         self.devices = devices
         self.events: list[Event] = []
@@ -56,8 +56,6 @@ class Bench:
 
     async def ask(self, verb: str, **what: object) -> dict[str, Any]:
         """What a client of the control socket would ask."""
-        import json
-
         request = parse_request(json.dumps({"version": 1, "verb": verb, **what}).encode())
         return dict(await self.session.handle(request))  # type: ignore[arg-type]
 
@@ -129,7 +127,7 @@ class Bench:
 
 
 @contextlib.asynccontextmanager
-async def whole_cell(
+async def simulated(
     folder: Path,
     *,
     learnt: Path | None = None,
@@ -137,19 +135,29 @@ async def whole_cell(
     seed: int = SEED,
     speed: float = SPEED,
     recipes: Path | None = None,
-    before_start: Callable[[Bench], None] = lambda bench: None,
 ) -> AsyncIterator[Bench]:
-    """A running cell; `learnt` is the state folder of a commissioned one of the same seed."""
+    """The simulated cell alone, with the configuration that a daemon needs in `folder / "cell.toml"`.
+
+    `learnt` is the state folder of a commissioned cell of the same seed.
+    """
     config = _config(folder, loopback(), recipes)
     if learnt is not None:
         shutil.copytree(learnt, config.paths.state, ignore=shutil.ignore_patterns("*.db*", "log", "pictures"))
     net = config.plc.host.rpartition(".")[0]
     world = World(seed, load_product(config.paths.recipes / f"{product}.toml"), speed=speed)
     addresses = Addresses(f"{net}.1", config.plc.port, f"{net}.1", 10023, f"{net}.2", f"{net}.3")
-    async with SimulatedCell(world, addresses) as simulated:
-        bench = Bench(world, simulated, config, build_devices(config))
+    async with SimulatedCell(world, addresses):
+        yield Bench(world, config, build_devices(config))
+
+
+@contextlib.asynccontextmanager
+async def whole_cell(
+    folder: Path, *, before_start: Callable[[Bench], None] = lambda bench: None, **options: Any
+) -> AsyncIterator[Bench]:
+    """A running cell; options as of `simulated`."""
+    async with simulated(folder, **options) as bench:
         before_start(bench)
-        async with _running(bench):
+        async with running(bench):
             yield bench
 
 
@@ -163,7 +171,8 @@ def _config(folder: Path, net: str, recipes: Path | None) -> CellConfig:
 
 
 @contextlib.asynccontextmanager
-async def _running(bench: Bench) -> AsyncIterator[None]:
+async def running(bench: Bench) -> AsyncIterator[None]:
+    """The daemon's own objects on this cell."""
     state = bench.config.paths.state
     state.mkdir(parents=True, exist_ok=True)
     bench.journal = await Journal.open(state / FILE_NAME)

@@ -1,4 +1,4 @@
-"""Round dark dots in a picture: coarse candidates at an eighth of the size, and one dot's centre to 1/100 px."""
+"""Round dark dots in a picture: coarse candidates at a quarter of the size, and one dot's centre to 1/100 px."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 FloatArray = NDArray[np.float64]
 Pixels = NDArray[np.uint8]
 
-HALVINGS = 3
+HALVINGS = 2
 SHRINK = 2**HALVINGS
 LEVELS = (0.5, 0.4, 0.6, 0.3, 0.7, 0.2, 0.8, 0.1, 0.9)  # thresholds tried, as part of the picture's range
-LEAST_AREA_PX = 20 * SHRINK**2  # a dot of 40 px diameter
+LEAST_AREA_PX = 20 * SHRINK**2  # a dot of 20 px diameter
 SOFT = (0.3, 0.7)  # part of the contrast between which a pixel counts partly: the edge, not the flat areas
 THIN = 3  # every third row and column is enough for a level
 MOST_CANDIDATES = 600

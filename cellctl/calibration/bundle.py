@@ -146,7 +146,7 @@ class Bundle:
         turn = rotation(-poses[:, 2] if hand else poses[:, 2])
         by_board, by_pose = np.empty((*plane.shape, 3)), np.empty((*plane.shape, 3))
         by_board[..., :2] = turn[:, None]
-        by_board[..., 2] = np.einsum("nij,mj->nmi", turn, arm)
+        by_board[..., 2] = arm @ turn.transpose(0, 2, 1)
         by_pose[..., :2] = -turn[:, None] if hand else np.eye(2)
         by_pose[..., 2] = -plane @ QUARTER.T if hand else (plane - poses[:, None, :2]) @ QUARTER.T
         return by_board, by_pose

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import dataclass
 
@@ -19,6 +20,7 @@ LEAST_SIDE_PX = 64
 DARKEST = 40.0  # level the brightest hundredth of the picture must exceed
 LEAST_CONTRAST = 40.0  # levels between plate and dots
 SATURATED = 253.0
+NEAR_BORDER_PX = 16.0  # dots nearer to the border than this are not measured
 LEAST_ORIGIN_RATIO = 0.75  # part of the drawn area ratio of the origin dot
 WORST_RESIDUAL_PX = 0.75  # print error and distortion beyond k1; 5 um
 
@@ -100,7 +102,7 @@ def _lattice(pixels: Pixels, found: Candidates, board: DotBoard) -> Lattice:
 def _incomplete(pixels: Pixels, found: Candidates, lattice: Lattice, board: DotBoard) -> BoardNotFound:
     seen = len(lattice.members)
     counted = f"{seen} of {board.count} dots seen ({lattice.size[0]} x {lattice.size[1]} places)"
-    sides = _sides_left(pixels, found.centres_px[lattice.members], lattice)
+    sides = _sides_left(pixels, found, lattice, board)
     if seen < board.count and sides:
         detail = f"{counted}; the board leaves the picture at the {' and the '.join(sides)}: bring it back into view"
         return BoardNotFound("in view", detail, seen=seen, wanted=board.count, sides=sides)
@@ -111,13 +113,29 @@ def _incomplete(pixels: Pixels, found: Candidates, lattice: Lattice, board: DotB
     return BoardNotFound("dot count", detail, seen=seen, wanted=board.count)
 
 
-def _sides_left(pixels: Pixels, centres: FloatArray, lattice: Lattice) -> tuple[str, ...]:
-    """Sides of the picture beyond which the next dots would lie."""
-    reach = 1.25 * float(np.abs(lattice.steps_px).max())
+def _sides_left(pixels: Pixels, found: Candidates, lattice: Lattice, board: DotBoard) -> tuple[str, ...]:
+    """Sides of the picture beyond which missing dots would lie."""
+    design = np.column_stack([lattice.places, np.ones(len(lattice.places))])
+    to_px = np.linalg.lstsq(design, found.centres_px[lattice.members], rcond=None)[0]
+    missing = _missing_places(lattice, board)
+    u, v = (np.column_stack([missing, np.ones(len(missing))]) @ to_px).T
+    edge = math.sqrt(float(np.median(found.areas_px)) / math.pi) + NEAR_BORDER_PX
     height, width = pixels.shape
-    (left, top), (right, bottom) = centres.min(0), centres.max(0)
-    gaps = {"left": left, "right": width - 1 - right, "top": top, "bottom": height - 1 - bottom}
-    return tuple(side for side, gap in gaps.items() if gap < reach)
+    beyond = {"left": u < edge, "right": u > width - 1 - edge, "top": v < edge, "bottom": v > height - 1 - edge}
+    return tuple(side for side, dots in beyond.items() if dots.any())
+
+
+def _missing_places(lattice: Lattice, board: DotBoard) -> NDArray[np.int64]:
+    """Places without a dot, (n, 2): inside the lattice, and one row further where it is shorter than the board."""
+    longest, shortest = max(board.columns, board.rows), min(board.columns, board.rows)
+    more = [
+        int(size < longest and not (size >= shortest and other >= longest))
+        for size, other in (lattice.size, lattice.size[::-1])
+    ]
+    ranges = [range(-extra, size + extra) for extra, size in zip(more, lattice.size, strict=True)]
+    taken = {tuple(place) for place in lattice.places.tolist()}
+    missing = [place for place in itertools.product(*ranges) if place not in taken]
+    return np.array(missing, dtype=np.int64).reshape(-1, 2)
 
 
 def _board_order(lattice: Lattice, found: Candidates, board: DotBoard, mirrored: bool) -> NDArray[np.int64]:

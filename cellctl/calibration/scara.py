@@ -65,7 +65,7 @@ class Linear(NamedTuple):
 def rotation(angle_rad: FloatArray | float) -> FloatArray:
     """Rotation matrices (..., 2, 2)."""
     c, s = np.cos(angle_rad), np.sin(angle_rad)
-    return np.stack([np.stack([c, -s], -1), np.stack([s, c], -1)], -2)
+    return np.asarray(np.moveaxis(np.array([[c, -s], [s, c]]), (0, 1), (-2, -1)), np.float64)
 
 
 def pose_array(poses: Sequence[Pose]) -> FloatArray:
@@ -80,9 +80,9 @@ def plane_points_mm(kind: Kind, board: FloatArray, poses: FloatArray, board_mm: 
     fixed = board[:2] + board_mm @ rotation(float(board[2])).T
     place = poses[:, None, :2]
     if kind == "eye_in_hand":
-        seen: FloatArray = np.einsum("nij,nmj->nmi", rotation(-poses[:, 2]), fixed - place)
+        seen: FloatArray = (fixed - place) @ rotation(poses[:, 2])  # rows times R are columns times R(-r)
     else:
-        seen = place + np.einsum("nij,mj->nmi", rotation(poses[:, 2]), fixed)
+        seen = place + fixed @ rotation(-poses[:, 2])
     return seen
 
 
@@ -101,7 +101,8 @@ def linear_start(
     """
     middle = board_mm.mean(0)
     design = np.column_stack([board_mm - middle, np.ones(len(board_mm))])
-    fits = np.stack([np.linalg.lstsq(design, dots, rcond=None)[0].T for dots in dots_px])
+    side_by_side = dots_px.transpose(1, 0, 2).reshape(len(design), -1)
+    fits = np.linalg.lstsq(design, side_by_side, rcond=None)[0].reshape(3, -1, 2).transpose(1, 2, 0)
     turn = poses[:, 2] if kind == "eye_in_hand" else -poses[:, 2]
     common = np.mean(fits[:, :, :2] @ rotation(turn), axis=0)
     rows, right = _linear_rows(kind, poses, common), fits[:, :, 2].reshape(-1)

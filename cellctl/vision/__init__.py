@@ -1,4 +1,4 @@
-"""Finding base and battery in a picture: array in, measurement with its own uncertainty out, or a named refusal. Pure."""
+"""Finding base and battery in a picture: array in, measurement with its uncertainty or a named refusal out. Pure."""
 
 from cellctl.vision.base import find_base
 from cellctl.vision.battery import find_battery

@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
-import cv2
 import numpy as np
 
-from cellctl.geometry import Px, wrap_deg
-from cellctl.vision.coarse import Votes, line_votes, rough_lines, turns_the_same_way
+from cellctl.geometry import Px
 from cellctl.vision.features import (
     BatteryMeasurement,
     Edge,
@@ -19,20 +16,14 @@ from cellctl.vision.features import (
     Pixels,
     Search,
 )
-from cellctl.vision.line import Caught, Line, Scan, catch_line, line_through, measure_line, stretch
-from cellctl.vision.picture import Coarse, checked, checked_search, coarse
+from cellctl.vision.line import Line, Scan, measure_line, stretch
+from cellctl.vision.pair import Near, Side, Sides, catch_pair, square_off_deg
+from cellctl.vision.picture import checked, checked_search
+from cellctl.vision.plane import ahead, cross, direction, middle
 
-ROUGH_SQUARE_DEG = 0.8  # caught lines may be so far from the expected angle between them
-DISTINCT_PX = 8.0  # lines closer than this are one
 OVERRUN_PX = (40.0, 260.0)  # past the corner: here the edge must have ended
 OVERRUN_STATIONS = 24
-
-
-class _Candidate(NamedTuple):
-    """One edge's caught line and the direction it runs in, away from the corner."""
-
-    caught: Caught
-    direction: Px
+BESIDE_PX = np.arange(2, 6)  # where the overrun test looks, to either side of the edge's line
 
 
 def find_battery(
@@ -44,176 +35,71 @@ def find_battery(
     with the check that failed, ValueError when the picture or the expectation is none.
     """
     pixels = checked(pixels)
+    sides = _sides(edge_1, edge_2, search, limits)
+    near = catch_pair(pixels, sides, search, limits)
+    rough = _meet(sides, near[0].line, near[1].line)
+    line_1, seen_1 = _measure(pixels, sides[0], near[0], rough, limits)
+    line_2, seen_2 = _measure(pixels, sides[1], near[1], rough, limits)
+    corner = _meet(sides, line_1, line_2)
+    for side, line, edge in ((sides[0], line_1, seen_1), (sides[1], line_2, seen_2)):
+        _check_end(pixels, side, line, corner, edge, limits)
+    squareness = _checked_squareness(sides, seen_1, seen_2, limits)
+    return BatteryMeasurement(seen_1, seen_2, corner, _corner_sd(corner, seen_1, seen_2), squareness)
+
+
+def _sides(edge_1: ExpectedEdge, edge_2: ExpectedEdge, search: Search, limits: Limits) -> Sides:
+    """The expectation, checked. Raises ValueError."""
     checked_search(search, edge_1.start, edge_1.end, edge_2.start, edge_2.end)
-    edges = (edge_1, edge_2)
-    if edge_1.start != edge_2.start or abs(_cross(_direction(edge_1), _direction(edge_2))) < 0.5:
-        raise ValueError(f"expected two edges that start at one corner and run apart, got {edges}")
-    scans = (Scan.of(edge_1), Scan.of(edge_2))
-    near = _catch(pixels, edges, scans, search, limits)
-    rough = _meet(scans, near[0].caught.line, near[1].caught.line)
-    lines, found = [], []
-    for i in (0, 1):
-        first, last = _used(pixels, scans[i], edges[i], near[i].direction, rough, limits)
-        line, edge = measure_line(pixels, scans[i], near[i].caught.line, first, last, limits, f"edge {i + 1}")
-        lines.append(line)
-        found.append(edge)
-    corner = _meet(scans, lines[0], lines[1])
-    for i in (0, 1):
-        _check_end(pixels, scans[i], lines[i], corner, near[i].direction, found[i], limits, f"edge {i + 1}")
-    squareness = _checked_squareness(edges, found, limits)
-    return BatteryMeasurement(found[0], found[1], corner, _corner_sd(found, corner), squareness)
+    sides = Side("edge 1", edge_1, Scan.of(edge_1)), Side("edge 2", edge_2, Scan.of(edge_2))
+    if edge_1.start != edge_2.start or abs(cross(sides[0].way, sides[1].way)) < 0.5:
+        raise ValueError(f"expected two edges that start at one corner and run apart, got {edge_1}, {edge_2}")
+    for side in sides:
+        if side.length_px <= limits.corner_skip_px:
+            raise ValueError(f"{side.name} is expected {side.length_px:.0f} px long: no longer than the skipped corner")
+    return sides
 
 
-def _catch(
-    pixels: Pixels, edges: tuple[ExpectedEdge, ExpectedEdge], scans: tuple[Scan, Scan], search: Search, limits: Limits
-) -> tuple[_Candidate, _Candidate]:
-    """The best pair of lines that stand to each other as expected. Raises NotFound, also when it has a rival."""
-    small = coarse(pixels)
-    used = [_without_corner(edge, limits) for edge in edges]
-    votes = _joint_votes(small, used, search, limits)
-    caught = [_candidates(pixels, used[i], scans[i], votes[i], limits) for i in (0, 1)]
-    for i in (0, 1):
-        if not caught[i]:
-            raise NotFound(f"edge {i + 1}", f"no straight edge within {search.position_px:.0f} px of its place")
-    pairs = [(a, b) for a in caught[0] for b in caught[1] if abs(_off_square(edges, a, b)) < ROUGH_SQUARE_DEG]
-    if not pairs:
-        raise NotFound("squareness", f"no two edges within {ROUGH_SQUARE_DEG} deg of the expected angle")
-    best = max(pairs, key=lambda pair: pair[0].caught.score + pair[1].caught.score)
-    for i in (0, 1):
-        _check_rival(best[i], caught[i], limits, f"edge {i + 1}")
-    return best
+def _measure(pixels: Pixels, side: Side, near: Near, corner: Px, limits: Limits) -> tuple[Line, Edge]:
+    first, last = side.used(pixels, corner, near.way, limits.corner_skip_px)
+    return measure_line(pixels, side.scan, near.line, first, last, limits, side.name)
 
 
-def _joint_votes(small: Coarse, edges: list[ExpectedEdge], search: Search, limits: Limits) -> list[Votes]:
-    """Votes for both edges; each direction is supported by the other edge's votes for the same turn of the part."""
-    turn_px = 0.5 * max(math.dist(e.start, e.end) for e in edges) * math.tan(math.radians(search.angle_deg))
-    reach = search.position_px + turn_px + 8.0
-    votes = [line_votes(small, edge, reach, search.angle_deg, limits.min_contrast) for edge in edges]
-    way = slice(None) if turns_the_same_way(*edges) else slice(None, None, -1)
-    support = [cv2.dilate(v.count.max(axis=1)[way].reshape(-1, 1), np.ones((5, 1), np.uint8)) for v in votes]
-    return [
-        votes[0]._replace(count=_backed(votes[0], support[1])),
-        votes[1]._replace(count=_backed(votes[1], support[0])),
-    ]
+def _meet(sides: Sides, one: Line, two: Line) -> Px:
+    """Where the lines of both sides meet."""
+    p, q = sides[0].scan.point(one.at, one.height), sides[1].scan.point(two.at, two.height)
+    d, e = sides[0].scan.point(1.0, one.slope), sides[1].scan.point(1.0, two.slope)
+    return ahead(p, d, cross(Px(q.u - p.u, q.v - p.v), e) / cross(d, e))
 
 
-def _backed(votes: Votes, support: cv2.typing.MatLike) -> np.ndarray[tuple[int, int], np.dtype[np.float32]]:
-    """Votes with the other edge's support added wherever there are votes at all."""
-    return np.where(votes.count > 0.0, votes.count + support, 0.0).astype(np.float32)
-
-
-def _candidates(pixels: Pixels, edge: ExpectedEdge, scan: Scan, votes: Votes, limits: Limits) -> list[_Candidate]:
-    first, last = stretch(scan, pixels, edge.start, edge.end)
-    lines = [
-        (rough, catch_line(pixels, scan, line_through(scan, rough), first, last, limits.min_contrast))
-        for rough in rough_lines(votes, edge, 2)
-    ]
-    return [_Candidate(caught, _along(scan, caught.line, rough.direction)) for rough, caught in lines if caught]
-
-
-def _along(scan: Scan, line: Line, like: Px) -> Px:
-    """Unit vector along a line, pointing the same way as `like`."""
-    c = math.copysign(line.cosine, like[scan.axis])
-    return scan.point(c, c * line.slope)
-
-
-def _without_corner(edge: ExpectedEdge, limits: Limits) -> ExpectedEdge:
-    d = _direction(edge)
-    if math.dist(edge.start, edge.end) <= limits.corner_skip_px + 1.0:
-        raise ValueError(f"the expected edge {edge} is no longer than the skipped corner of {limits.corner_skip_px} px")
-    return edge._replace(start=_ahead(edge.start, d, limits.corner_skip_px))
-
-
-def _check_rival(best: _Candidate, others: list[_Candidate], limits: Limits, name: str) -> None:
-    """Raises NotFound when another distinct line is nearly as good."""
-    for other in others:
-        apart = abs(other.caught.line.height - best.caught.line.across(np.array(other.caught.line.at)))
-        rival = other.caught.score / max(best.caught.score, 1e-9)
-        if float(apart) > DISTINCT_PX and rival > limits.max_rival:
-            raise NotFound(
-                f"{name} rival", f"another line has {rival:.0%} of its score, allowed are {limits.max_rival:.0%}"
-            )
-
-
-def _used(pixels: Pixels, scan: Scan, edge: ExpectedEdge, direction: Px, corner: Px, limits: Limits) -> tuple[int, int]:
-    """The scanned range of an edge, from behind the rounded corner to the end of the expected length."""
-    length = math.dist(edge.start, edge.end)
-    return stretch(scan, pixels, _ahead(corner, direction, limits.corner_skip_px), _ahead(corner, direction, length))
-
-
-def _meet(scans: tuple[Scan, Scan], one: Line, two: Line) -> Px:
-    """Where two lines meet."""
-    (p, d), (q, e) = (
-        (s.point(line.at, line.height), s.point(1.0, line.slope)) for s, line in zip(scans, (one, two), strict=True)
-    )
-    t = _cross(Px(q.u - p.u, q.v - p.v), e) / _cross(d, e)
-    return Px(p.u + t * d.u, p.v + t * d.v)
-
-
-def _check_end(
-    pixels: Pixels, scan: Scan, line: Line, corner: Px, direction: Px, edge: Edge, limits: Limits, name: str
-) -> None:
+def _check_end(pixels: Pixels, side: Side, line: Line, corner: Px, edge: Edge, limits: Limits) -> None:
     """Raises NotFound when the edge goes on past the corner: then this is not the corner of a battery."""
-    far, near = (_ahead(corner, direction, -d) for d in reversed(OVERRUN_PX))
-    first, last = stretch(scan, pixels, far, near)
-    along = np.linspace(first, last, OVERRUN_STATIONS).astype(np.int64) if last - first > OVERRUN_STATIONS else []
-    if len(along) == 0:
+    scan, way = side.scan, direction(edge.start, edge.end)
+    first, last = stretch(scan, pixels, *(ahead(corner, way, -distance) for distance in OVERRUN_PX))
+    if last - first < OVERRUN_STATIONS:
         raise NotFound("view", f"past the corner at ({corner.u:.0f}, {corner.v:.0f}) px there is too little picture")
-    across = np.rint(line.across(np.asarray(along))).clip(8, scan.limits(pixels)[1] - 9).astype(np.int64)
-    step, side = scan.strides(pixels)
-    places = (np.asarray(along) * step + across * side)[:, None]
-    beside = np.arange(2, 6) * side
-    flat = pixels.reshape(-1)
-    rise = (flat.take(places + beside).mean(axis=1) - flat.take(places - beside).mean(axis=1)) * scan.rising
-    overrun = float(np.mean(rise > 0.4 * edge.contrast))
+    along = np.linspace(first, last, OVERRUN_STATIONS).astype(np.int64)
+    rim = int(BESIDE_PX[-1]) + 1
+    across = np.rint(line.across(along)).clip(rim, scan.limits(pixels)[1] - rim - 1).astype(np.int64)
+    step, beside = scan.strides(pixels)
+    places = (along * step + across * beside)[:, None]
+    above, below = (pixels.reshape(-1).take(places + k * beside).mean(axis=1) for k in (BESIDE_PX, -BESIDE_PX))
+    overrun = float(np.mean((above - below) * scan.rising > 0.4 * edge.contrast))
     if overrun > limits.max_overrun:
-        raise NotFound("corner", f"{overrun:.0%} of the extension of {name} past the corner look like the edge")
+        raise NotFound("corner", f"{overrun:.0%} of the extension of {side.name} past the corner look like the edge")
 
 
-def _checked_squareness(edges: tuple[ExpectedEdge, ExpectedEdge], found: list[Edge], limits: Limits) -> float:
+def _checked_squareness(sides: Sides, one: Edge, two: Edge, limits: Limits) -> float:
     """Angle from edge 1 to edge 2 less the expected one, deg. Raises NotFound when it is too large."""
-    directions = [_towards(Px(e.end.u - e.start.u, e.end.v - e.start.v), x) for e, x in zip(found, edges, strict=True)]
-    squareness = wrap_deg(_angle(*directions) - _angle(_direction(edges[0]), _direction(edges[1])))
+    squareness = square_off_deg(sides, direction(one.start, one.end), direction(two.start, two.end))
     if abs(squareness) > limits.squareness_deg:
-        detail = f"the edges are {squareness:+.3f} deg off, allowed are {limits.squareness_deg:.3f}"
-        raise NotFound("squareness", detail)
+        raise NotFound("squareness", f"{squareness:+.3f} deg off, allowed are {limits.squareness_deg:.3f}")
     return squareness
 
 
-def _off_square(edges: tuple[ExpectedEdge, ExpectedEdge], one: _Candidate, two: _Candidate) -> float:
-    return wrap_deg(_angle(one.direction, two.direction) - _angle(_direction(edges[0]), _direction(edges[1])))
-
-
-def _corner_sd(found: list[Edge], corner: Px) -> float:
+def _corner_sd(corner: Px, *edges: Edge) -> float:
     """1 sigma of the corner per axis: each edge's offset and angle, carried from its middle to the corner."""
     variance = 0.0
-    for edge in found:
-        lever = math.dist(corner, ((edge.start.u + edge.end.u) / 2, (edge.start.v + edge.end.v) / 2))
+    for edge in edges:
+        lever = math.dist(corner, middle(edge.start, edge.end))
         variance += edge.offset_sd_px**2 + (lever * math.radians(edge.angle_sd_deg)) ** 2
     return math.sqrt(variance / 2.0)
-
-
-def _direction(edge: ExpectedEdge) -> Px:
-    length = math.dist(edge.start, edge.end)
-    if length <= 0.0:
-        raise ValueError(f"an expected edge must have a length, got {edge}")
-    return Px((edge.end.u - edge.start.u) / length, (edge.end.v - edge.start.v) / length)
-
-
-def _towards(direction: Px, edge: ExpectedEdge) -> Px:
-    """The direction, turned round if it runs against the expected edge."""
-    d = _direction(edge)
-    return direction if direction.u * d.u + direction.v * d.v > 0.0 else Px(-direction.u, -direction.v)
-
-
-def _ahead(point: Px, direction: Px, distance: float) -> Px:
-    return Px(point.u + direction.u * distance, point.v + direction.v * distance)
-
-
-def _cross(a: Px, b: Px) -> float:
-    return a.u * b.v - a.v * b.u
-
-
-def _angle(a: Px, b: Px) -> float:
-    """From a to b, deg."""
-    return math.degrees(math.atan2(_cross(a, b), a.u * b.u + a.v * b.v))

@@ -10,14 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cellctl.geometry import Px
-from cellctl.vision.features import Circle, ExpectedCircle, Limits, NotFound, Pixels
+from cellctl.vision.features import Circle, ExpectedCircle, Floats, Limits, NotFound, Pixels, Singles
 from cellctl.vision.gates import accept_outline
 from cellctl.vision.line import PASSES, step_response
 from cellctl.vision.profile import (
     START_BLUR_PX,
-    Floats,
     Offsets,
-    Singles,
     block_offsets,
     block_weights,
     estimate_blur,
@@ -25,7 +23,7 @@ from cellctl.vision.profile import (
 )
 from cellctl.vision.robust import Fit, circle_consensus, covariance, tukey_fit
 
-RAYS = 96
+RAYS = 72
 RAY_PX = 30  # to either side of the outline
 SECTORS = 128
 BAND_PX = 7.0
@@ -42,17 +40,21 @@ class _Rays(NamedTuple):
 
 
 class _Ring(NamedTuple):
-    """Pixels in a band about a circle, in sectors: steps in the flat picture, places (sectors, px), design (sectors, 3)."""
+    """Pixels in a band about a circle: steps in the flat picture and coordinates (sectors, px), design (sectors, 3)."""
 
     places: NDArray[np.intp]
     du: Singles
     dv: Singles
     design: Floats
 
+    def thinned(self, every: int) -> _Ring:
+        """Only one of so many sectors."""
+        return _Ring(self.places[::every], self.du[::every], self.dv[::every], self.design[::every])
+
 
 @lru_cache(maxsize=8)
 def _rays(radius: int, width: int) -> _Rays:
-    phi = np.arange(RAYS) * (2.0 * math.pi / RAYS)
+    phi = np.linspace(0.0, 2.0 * math.pi, RAYS, endpoint=False)
     c, s = np.cos(phi)[:, None], np.sin(phi)[:, None]
     r, beside = radius + np.arange(-RAY_PX, RAY_PX + 1), np.array([-1.5, 0.0, 1.5])[:, None, None]
     du, dv = np.rint(c * r - s * beside), np.rint(s * r + c * beside)
@@ -110,14 +112,14 @@ def measure_circle(pixels: Pixels, rough: RoughCircle, expected: ExpectedCircle,
         raise _wrong_radius(rough.radius_px, expected, limits)
     ring = _ring(round(rough.radius_px), pixels.shape[1])
     centre, radius, blur = rough.centre, rough.radius_px, START_BLUR_PX
-    for every in PASSES:
-        part = _Ring(*(a[::every] for a in ring))
+    for every, rounds in PASSES:
+        part = ring.thinned(every)
         levels, distance = _band(pixels, part, centre, radius, outward)
         offsets = block_offsets(levels, distance, blur)
         weights = block_weights(offsets, 0.5 * limits.min_contrast)
-        if np.count_nonzero(weights) < FEWEST_SECTORS:
+        if np.count_nonzero(weights) < FEWEST_SECTORS // every:
             raise NotFound("hole", f"{np.count_nonzero(weights)} of {len(weights)} sectors see its outline")
-        fit = tukey_fit(part.design, -outward * offsets.shift, weights, 2 if every > 1 else 5)
+        fit = tukey_fit(part.design, -outward * offsets.shift, weights, rounds)
         du, dv, growth = (float(p) for p in fit.parameters)
         centre, radius = Px(centre.u + du, centre.v + dv), radius + growth
         blur = estimate_blur(levels, distance, offsets, fit.weights) or blur if every > 1 else blur

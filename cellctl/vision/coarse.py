@@ -6,17 +6,15 @@ A Hough vote finds, it does not measure. The radius, the polarity and nearly the
 from __future__ import annotations
 
 import math
-from typing import NamedTuple, TypeAlias
+from typing import NamedTuple
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from cellctl.geometry import Px
-from cellctl.vision.features import ExpectedCircle, ExpectedEdge, NotFound
+from cellctl.vision.features import ExpectedCircle, ExpectedEdge, NotFound, Singles
 from cellctl.vision.picture import COARSE, Coarse, to_coarse, to_fine
-
-Singles: TypeAlias = NDArray[np.float32]
+from cellctl.vision.plane import direction, middle
 
 TURN_STEP_DEG = 0.16
 MOST_TURNS = 64  # to either side
@@ -26,19 +24,28 @@ LEAST_SHARE = 0.8  # of the best peak's votes; half of joint votes come from the
 GRADIENT_PER_LEVEL = 2.0  # the weakest edge of contrast c has coarse gradients of this times c
 
 
-class Votes(NamedTuple):
-    """Votes for lines: rows are turns from the expected direction, columns half coarse pixels of offset."""
+class Frame(NamedTuple):
+    """An expected edge in coarse px: its middle, unit vectors along it and to its bright side, half its length."""
 
-    count: Singles
-    turns: Singles  # rad, in the sense from u to v
+    middle: Px
+    along: Px
+    bright: Px
+    half: float
+
+
+class Votes(NamedTuple):
+    """Votes for lines near an expected edge: rows are turns towards its bright side, columns half px of offset."""
+
+    heights: Singles
+    turns: Singles  # rad
+    frame: Frame
 
 
 class RoughLine(NamedTuple):
-    """A straight line through a point in a direction (unit vector du, dv)."""
+    """A straight line through a point in a direction (unit vector)."""
 
     point: Px
-    direction: Px
-    turn: float  # rad, against the expected direction
+    way: Px
 
 
 def rough_circle(picture: Coarse, circle: ExpectedCircle, search_px: float, min_contrast: float) -> Px:
@@ -56,8 +63,8 @@ def rough_circle(picture: Coarse, circle: ExpectedCircle, search_px: float, min_
     bv = np.rint(v + rows.start - gv[v, u] * step).astype(np.int32) - top
     n = 2 * reach + 1
     inside = (bu >= 0) & (bu < n) & (bv >= 0) & (bv < n)
-    count = np.bincount(bv[inside] * n + bu[inside], minlength=n * n).reshape(n, n).astype(np.float32)
-    count = cv2.GaussianBlur(count, (7, 7), 1.4, borderType=cv2.BORDER_CONSTANT)
+    single = np.bincount(bv[inside] * n + bu[inside], minlength=n * n).reshape(n, n).astype(np.float32)
+    count = cv2.GaussianBlur(single, (7, 7), 1.4, borderType=cv2.BORDER_CONSTANT)
     _, votes, _, (best_u, best_v) = cv2.minMaxLoc(count)
     if votes <= 0.0:
         raise NotFound("hole", f"no outline of radius {circle.radius_px:.0f} px within {search_px:.0f} px")
@@ -66,72 +73,68 @@ def rough_circle(picture: Coarse, circle: ExpectedCircle, search_px: float, min_
 
 def line_votes(picture: Coarse, edge: ExpectedEdge, reach_px: float, angle_deg: float, min_contrast: float) -> Votes:
     """Votes for lines near an edge, by offset of its middle towards its bright side and by turn."""
-    middle, along, bright, half = _frame(edge)
+    frame = _frame(edge)
+    centre, along, bright, half = frame
     angle, reach = math.radians(angle_deg), reach_px / COARSE
     across = reach + half * math.tan(angle) + 1.0
     box = [half * abs(along[i]) + across * abs(bright[i]) + 1.0 for i in (0, 1)]
-    rows = _window(middle[1] - box[1], middle[1] + box[1], 0, picture)
-    columns = _window(middle[0] - box[0], middle[0] + box[0], 1, picture)
+    rows = _window(centre[1] - box[1], centre[1] + box[1], 0, picture)
+    columns = _window(centre[0] - box[0], centre[0] + box[0], 1, picture)
     gu, gv = picture.along_u[rows, columns], picture.along_v[rows, columns]
     rise = gu * np.float32(bright[0]) + gv * np.float32(bright[1])
     drift = gu * np.float32(along[0]) + gv * np.float32(along[1])
     steep = np.float32(math.tan(angle + math.radians(SPARE_DEG)))
     v, u = np.nonzero((rise > GRADIENT_PER_LEVEL * min_contrast) & (np.abs(drift) < steep * rise))
-    du, dv = u + (columns.start - middle[0]), v + (rows.start - middle[1])
+    du, dv = u + (columns.start - centre[0]), v + (rows.start - centre[1])
     s, d = du * along[0] + dv * along[1], du * bright[0] + dv * bright[1]
     used = (np.abs(s) <= half) & (np.abs(d) <= across)
     weight = np.sqrt(rise[v[used], u[used]])
-    return _accumulated(s[used].astype(np.float32), d[used].astype(np.float32), weight, reach, angle)
+    return Votes(*_accumulated(s[used].astype(np.float32), d[used].astype(np.float32), weight, reach, angle), frame)
 
 
-def _accumulated(s: Singles, d: Singles, weight: Singles, reach: float, angle: float) -> Votes:
+def _accumulated(s: Singles, d: Singles, weight: Singles, reach: float, angle: float) -> tuple[Singles, Singles]:
+    """Votes (turns, offsets) of gradients at places s along and d across, and the turns."""
     steps = min(math.ceil(math.degrees(angle) / TURN_STEP_DEG), MOST_TURNS)
     turns = np.linspace(-angle, angle, 2 * steps + 1, dtype=np.float32)
-    middle = math.ceil(2.0 * reach) + 1
-    bins = 2 * middle + 3  # the outermost two take what is out of reach
-    place = 2.0 * (d - s * np.tan(turns)[:, None]) + np.float32(middle + 1.5)
+    zero = math.ceil(2.0 * reach) + 1
+    bins = 2 * zero + 3  # the outermost two take what is out of reach
+    place = 2.0 * (d - s * np.tan(turns)[:, None]) + np.float32(zero + 1.5)
     place = place.clip(0, bins - 1).astype(np.int32)
     place += (np.arange(turns.size, dtype=np.int32) * bins)[:, None]
     count = np.bincount(place.reshape(-1), np.tile(weight, turns.size), minlength=bins * turns.size)
-    votes = count.reshape(-1, bins)[:, 1:-1].astype(np.float32)
-    votes = cv2.GaussianBlur(votes, (5, 3), 0, borderType=cv2.BORDER_CONSTANT)
-    return Votes(np.asarray(votes, np.float32), turns)
+    single = count.reshape(-1, bins)[:, 1:-1].astype(np.float32)
+    heights = cv2.GaussianBlur(single, (5, 3), 0, borderType=cv2.BORDER_CONSTANT)
+    return np.asarray(heights, np.float32), turns
 
 
-def rough_lines(votes: Votes, edge: ExpectedEdge, most: int) -> list[RoughLine]:
+def rough_lines(votes: Votes, most: int) -> list[RoughLine]:
     """The most voted lines, best first, distinct in offset."""
-    count, lines = votes.count.copy(), []
-    middle, along, bright, _ = _frame(edge)
-    way = 1.0 if along[0] * bright[1] - along[1] * bright[0] > 0.0 else -1.0  # sense of turning towards the bright side
-    least = 0.0
+    heights, lines, least = votes.heights.copy(), [], 0.0
+    centre, along, bright, _ = votes.frame
     for _ in range(most):
-        _, best, _, (column, row) = cv2.minMaxLoc(count)
+        _, best, _, (column, row) = cv2.minMaxLoc(heights)
         if best <= least:
             break
         least = max(least, LEAST_SHARE * best)
-        offset, turn = (column - count.shape[1] // 2) / 2.0, float(votes.turns[row])
+        offset, turn = (column - heights.shape[1] // 2) / 2.0, float(votes.turns[row])
         c, s = math.cos(turn), math.sin(turn)
-        point = Px(*(to_fine(middle[i] + offset * bright[i]) for i in (0, 1)))
-        lines.append(RoughLine(point, Px(*(c * along[i] + s * bright[i] for i in (0, 1))), way * turn))
-        count[:, max(0, column - SUPPRESSED_BINS) : column + SUPPRESSED_BINS + 1] = 0.0
+        point = Px(*(to_fine(centre[i] + offset * bright[i]) for i in (0, 1)))
+        lines.append(RoughLine(point, Px(*(c * along[i] + s * bright[i] for i in (0, 1)))))
+        heights[:, max(0, column - SUPPRESSED_BINS) : column + SUPPRESSED_BINS + 1] = 0.0
     return lines
 
 
 def turns_the_same_way(one: ExpectedEdge, other: ExpectedEdge) -> bool:
-    """Whether a turn of the part moves both edges' votes in the same sense of `Votes.turns`."""
-    ways = [along[0] * bright[1] - along[1] * bright[0] > 0.0 for _, along, bright, _ in map(_frame, (one, other))]
-    return ways[0] == ways[1]
+    """Whether a turn of the part is the same turn towards the bright side for both edges."""
+    return one.bright_left == other.bright_left
 
 
-def _frame(edge: ExpectedEdge) -> tuple[Px, Px, Px, float]:
-    """Middle of the edge in coarse px, unit vectors along it and to its bright side, and half its length."""
-    du, dv = edge.end.u - edge.start.u, edge.end.v - edge.start.v
-    length = math.hypot(du, dv)
-    along = Px(du / length, dv / length)
-    left = Px(along.v, -along.u)  # on the screen, v down
+def _frame(edge: ExpectedEdge) -> Frame:
+    along = direction(edge.start, edge.end)
+    left = Px(along.v, -along.u)  # on the screen, v runs down
     bright = left if edge.bright_left else Px(-left.u, -left.v)
-    middle = Px(to_coarse((edge.start.u + edge.end.u) / 2), to_coarse((edge.start.v + edge.end.v) / 2))
-    return middle, along, bright, 0.5 * length / COARSE
+    u, v = middle(edge.start, edge.end)
+    return Frame(Px(to_coarse(u), to_coarse(v)), along, bright, 0.5 * math.dist(edge.start, edge.end) / COARSE)
 
 
 def _window(first: float, last: float, axis: int, picture: Coarse) -> slice:

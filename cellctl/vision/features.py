@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 from cellctl.geometry import Px
 
 Pixels: TypeAlias = NDArray[np.uint8]
+Floats: TypeAlias = NDArray[np.float64]
+Singles: TypeAlias = NDArray[np.float32]
 
 
 class NotFound(Exception):
@@ -78,7 +80,10 @@ class Circle:
 
 @dataclass(frozen=True)
 class Edge:
-    """A measured straight edge; start and end lie on the fitted line at the ends of the used stretch."""
+    """A measured straight edge; start and end lie on the fitted line at the ends of the used stretch.
+
+    It runs the way the expected edge does.
+    """
 
     start: Px
     end: Px

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cellctl.vision.features import Limits, NotFound
-from cellctl.vision.profile import Singles
+from cellctl.vision.features import Limits, NotFound, Singles
 
 
 def accept_outline(

@@ -8,20 +8,18 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cellctl.geometry import Px
 from cellctl.vision.coarse import RoughLine
-from cellctl.vision.features import Edge, ExpectedEdge, Limits, NotFound, Pixels
+from cellctl.vision.features import Edge, ExpectedEdge, Floats, Limits, NotFound, Pixels, Singles
 from cellctl.vision.gates import accept_outline
 from cellctl.vision.profile import (
     START_BLUR_PX,
-    Floats,
     Offsets,
-    Singles,
     block_offsets,
     block_weights,
     estimate_blur,
@@ -29,29 +27,32 @@ from cellctl.vision.profile import (
 )
 from cellctl.vision.robust import Fit, covariance, line_consensus, middle, tukey_fit
 
+Places: TypeAlias = NDArray[np.int64]
+
 BLOCK_PX = 16
 BAND_PX = 7.0  # to either side of the edge, measured across it
 CALIPERS = 64
 CALIPER_PX = 20  # to either side of the rough line
 HAAR_PX = 4  # half width of the step detector
 FEWEST_BLOCKS = 8
-PASSES = (2, 1)  # a rough measurement of every second block, then all
+PASSES = ((3, 2), (1, 5))  # every third block with two rounds of the robust fit, then all with five
 
 
 @dataclass(frozen=True)
 class Scan:
-    """How an edge is scanned: along columns (axis 0) or rows (axis 1); rising = +1: brighter for larger `across`."""
+    """How an edge is scanned: along columns (axis 0) or rows (axis 1)."""
 
     axis: int
-    rising: float
+    rising: float  # +1: brighter for larger `across`
+    forward: bool  # the expected edge runs towards larger `along`
 
     @classmethod
     def of(cls, edge: ExpectedEdge) -> Scan:
         """The scan that suits an edge of any direction."""
         du, dv = edge.end.u - edge.start.u, edge.end.v - edge.start.v
         axis = 0 if abs(du) >= abs(dv) else 1
-        left_is_greater = -du > 0.0 if axis == 0 else dv > 0.0  # across grows to the left hand
-        return cls(axis, 1.0 if left_is_greater == edge.bright_left else -1.0)
+        left_is_greater = du < 0.0 if axis == 0 else dv > 0.0  # across grows to the left hand
+        return cls(axis, 1.0 if left_is_greater == edge.bright_left else -1.0, (dv if axis else du) > 0.0)
 
     def along(self, p: Px) -> float:
         """The scanned coordinate of a point."""
@@ -83,9 +84,13 @@ class Line(NamedTuple):
     height: float
     slope: float
 
-    def across(self, along: Floats | NDArray[np.int64]) -> Floats:
+    def across(self, along: Floats | Places) -> Floats:
         """Where the line is."""
         return np.asarray(self.height + self.slope * (along - self.at), np.float64)
+
+    def moved(self, at: float) -> Line:
+        """The same line, referred to another place along."""
+        return Line(at, self.height + self.slope * (at - self.at), self.slope)
 
     @property
     def cosine(self) -> float:
@@ -102,7 +107,7 @@ class Caught(NamedTuple):
 
 def line_through(scan: Scan, rough: RoughLine) -> Line:
     """A rough line in the scan's coordinates."""
-    slope = rough.direction[1 - scan.axis] / rough.direction[scan.axis]
+    slope = rough.way[1 - scan.axis] / rough.way[scan.axis]
     return Line(scan.along(rough.point), scan.across(rough.point), slope)
 
 
@@ -122,8 +127,10 @@ def catch_line(pixels: Pixels, scan: Scan, near: Line, first: int, last: int, mi
     step, side = scan.strides(pixels)
     places = (along * step + across * side)[:, None] + np.arange(-reach, reach + 1) * side
     flat = pixels.reshape(-1)
-    profile = sum(flat.take(places + k * step, mode="clip").astype(np.float32) for k in (-1, 0, 1)) / np.float32(3.0)
-    hit, height = step_response(profile, scan.rising)
+    profile = flat.take(places).astype(np.float32)
+    profile += flat.take(places - step)
+    profile += flat.take(places + step)
+    hit, height = step_response(profile / np.float32(3.0), scan.rising)
     strong = height > 0.5 * min_contrast
     t, n = (along[strong] - near.at).astype(np.float64), (across + hit - reach)[strong]
     together = line_consensus(t, n)
@@ -138,8 +145,8 @@ def step_response(profiles: Singles, rising: float) -> tuple[Floats, Singles]:
     """Place and height of the largest step in each profile (n, m), by the difference of two boxes."""
     total = np.cumsum(profiles, axis=1)
     total = np.concatenate([np.zeros((len(total), 1), total.dtype), total], axis=1)
-    middle = total[:, HAAR_PX : total.shape[1] - HAAR_PX]
-    response = total[:, 2 * HAAR_PX :] + total[:, : total.shape[1] - 2 * HAAR_PX] - 2.0 * middle
+    centre = total[:, HAAR_PX : total.shape[1] - HAAR_PX]
+    response = total[:, 2 * HAAR_PX :] + total[:, : total.shape[1] - 2 * HAAR_PX] - 2.0 * centre
     response *= np.float32(rising / HAAR_PX)
     best = response.argmax(axis=1)
     row = np.arange(len(response))
@@ -160,7 +167,7 @@ class _Band(NamedTuple):
 def measure_line(
     pixels: Pixels, scan: Scan, line: Line, first: int, last: int, limits: Limits, name: str
 ) -> tuple[Line, Edge]:
-    """Measure an edge within the scanned range, starting from a line good to some pixels.
+    """Measure an edge within the scanned range, starting from a line good to some pixels; it runs as expected.
 
     Raises NotFound with `name` when too few blocks see an edge, or when a limit is not kept.
     """
@@ -169,17 +176,17 @@ def measure_line(
         raise NotFound(name, f"only {max(0, last - first)} px of it are in the picture")
     along = first + np.arange(blocks * BLOCK_PX).reshape(blocks, BLOCK_PX)
     t = along.mean(axis=1)
-    line = Line(float(t.mean()), float(line.across(t.mean())), line.slope)
+    line = line.moved(float(t.mean()))
     design = np.stack([np.ones(blocks), t - line.at], axis=1)
     blur = START_BLUR_PX
-    for every in PASSES:
+    for every, rounds in PASSES:
         band = _band(pixels, scan, line, along[::every].reshape(-1))
         offsets = block_offsets(band.levels, band.distance, blur)
         weights = block_weights(offsets, 0.5 * limits.min_contrast)
-        if 2 * np.count_nonzero(weights) < FEWEST_BLOCKS:
+        if np.count_nonzero(weights) < FEWEST_BLOCKS // every:
             raise NotFound(name, f"{np.count_nonzero(weights)} of {len(weights)} blocks see an edge")
         shift = -offsets.shift * (scan.rising / line.cosine)
-        fit = tukey_fit(design[::every], shift, weights, 2 if every > 1 else 5)
+        fit = tukey_fit(design[::every], shift, weights, rounds)
         line = Line(line.at, line.height + float(fit.parameters[0]), line.slope + float(fit.parameters[1]))
         blur = estimate_blur(band.levels, band.distance, offsets, fit.weights) or blur if every > 1 else blur
     edge = _edge(scan, line, t, fit, covariance(design, fit, weights), offsets, blur, limits)
@@ -187,7 +194,7 @@ def measure_line(
     return line, edge
 
 
-def _band(pixels: Pixels, scan: Scan, line: Line, along: NDArray[np.int64]) -> _Band:
+def _band(pixels: Pixels, scan: Scan, line: Line, along: Places) -> _Band:
     half = math.ceil(BAND_PX / line.cosine)
     across = line.across(along)
     whole = np.rint(across).clip(half, scan.limits(pixels)[1] - half - 1)
@@ -203,9 +210,9 @@ def _band(pixels: Pixels, scan: Scan, line: Line, along: NDArray[np.int64]) -> _
 def _edge(
     scan: Scan, line: Line, t: Floats, fit: Fit, spread: Floats, offsets: Offsets, blur: float, limits: Limits
 ) -> Edge:
-    used = t[fit.weights > 0.0]
-    ends = (used[0], used[-1]) if used.size else (t[0], t[-1])
-    start, end = (scan.point(float(along), float(line.across(along))) for along in ends)
+    used = t[fit.weights > 0.0] if fit.weights.any() else t
+    ends = [float(used[i]) for i in ((0, -1) if scan.forward else (-1, 0))]
+    start, end = (scan.point(along, line.moved(along).height) for along in ends)
     cosine = line.cosine
     return Edge(
         start=start,

@@ -33,8 +33,3 @@ def cross(a: Px, b: Px) -> float:
 def angle_deg(a: Px, b: Px) -> float:
     """From a to b, in the sense from u to v."""
     return math.degrees(math.atan2(cross(a, b), a.u * b.u + a.v * b.v))
-
-
-def along_like(a: Px, b: Px) -> Px:
-    """Vector a, turned round if it points against b."""
-    return a if a.u * b.u + a.v * b.v > 0.0 else Px(-a.u, -a.v)

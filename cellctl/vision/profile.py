@@ -8,15 +8,12 @@ from __future__ import annotations
 
 import math
 from functools import lru_cache
-from typing import NamedTuple, TypeAlias
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cellctl.vision.features import Floats, Singles
 from cellctl.vision.robust import middle
-
-Floats: TypeAlias = NDArray[np.float64]
-Singles: TypeAlias = NDArray[np.float32]
 
 SPAN_PX = 16  # the tables reach so far to either side
 PER_PX = 128  # table entries
@@ -25,6 +22,7 @@ FARTHEST_PX = 3.0  # a block whose offset is larger has locked on something else
 BLURS_PX = np.arange(0.6, 3.05, 0.1)
 MEAN_STEP_PX = 0.25  # resolution of the mean profile
 MEAN_BINS = 49
+FEWEST_BINS, FEWEST_PER_BIN = 9, 5
 
 
 class Offsets(NamedTuple):
@@ -97,25 +95,32 @@ def block_weights(offsets: Offsets, least: float) -> Floats:
 
 @lru_cache(maxsize=1)
 def _blurred_steps() -> Floats:
-    """Unit-norm mean-free profiles for all blurs: (blurs, bins)."""
+    """Step profiles for all blurs: (blurs, bins)."""
     distance = (np.arange(MEAN_BINS) - MEAN_BINS // 2) * MEAN_STEP_PX
     sigma = np.hypot(BLURS_PX, math.sqrt(1.0 / 12.0))[:, None] * math.sqrt(2.0)
-    steps = np.vectorize(math.erf)(distance / sigma)
-    steps -= steps.mean(axis=1, keepdims=True)
-    return np.asarray(steps / np.linalg.norm(steps, axis=1, keepdims=True))
+    return np.asarray(np.vectorize(math.erf)(distance / sigma), np.float64)
 
 
 def estimate_blur(levels: Singles, distance: Singles, offsets: Offsets, weight: Floats) -> float | None:
-    """Blur of an outline from the mean profile of its good blocks; None when there are too few."""
-    good = np.flatnonzero(weight > 0.2)[::2]
+    """Blur of an outline from the mean profile of its good blocks; None when there are too few.
+
+    An outline that runs along the pixels leaves some bins of the profile empty: only the others are compared.
+    """
+    good = np.flatnonzero(weight > 0.2)
     if good.size < 3:
         return None
     where = distance[good] + offsets.shift[good, None].astype(np.float32)
-    place = np.rint(where / MEAN_STEP_PX).astype(np.int32) + MEAN_BINS // 2
+    where *= np.float32(1.0 / MEAN_STEP_PX)
+    where += np.float32(MEAN_BINS // 2 + 1.5)
+    place = where.clip(0, MEAN_BINS + 1).astype(np.int32).reshape(-1)  # the outermost two take what is out of reach
     level = _centred(levels[good]) / offsets.height[good, None].astype(np.float32)
-    inside = (place >= 0) & (place < MEAN_BINS)
-    count = np.bincount(place[inside], minlength=MEAN_BINS)
-    if count.min() < 5:
+    count = np.bincount(place, minlength=MEAN_BINS + 2)[1:-1]
+    total = np.bincount(place, weights=level.reshape(-1), minlength=MEAN_BINS + 2)[1:-1]
+    filled = np.flatnonzero(count >= FEWEST_PER_BIN)
+    if filled.size < FEWEST_BINS:
         return None
-    mean = np.bincount(place[inside], weights=level[inside], minlength=MEAN_BINS) / count
-    return float(BLURS_PX[int(np.argmax(_blurred_steps() @ (mean - mean.mean())))])
+    mean, steps = total[filled] / count[filled], _blurred_steps()[:, filled]
+    mean -= mean.mean()
+    steps = steps - steps.mean(axis=1, keepdims=True)
+    likeness = (steps @ mean) / np.sqrt(np.einsum("ij,ij->i", steps, steps))
+    return float(BLURS_PX[int(np.argmax(likeness))])

@@ -1,0 +1,110 @@
+"""The two edges of a corner, roughly: lines that most calipers see and that stand to each other as expected. Pure."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+
+from cellctl.geometry import Px, wrap_deg
+from cellctl.vision.coarse import Votes, line_votes, rough_lines, turns_the_same_way
+from cellctl.vision.features import ExpectedEdge, Limits, NotFound, Pixels, Search, Singles
+from cellctl.vision.line import Line, Scan, catch_line, line_through, stretch
+from cellctl.vision.picture import Coarse, coarse
+from cellctl.vision.plane import ahead, angle_deg, direction
+
+ROUGH_SQUARE_DEG = 0.8  # rough lines may be so far from the expected angle between them
+DISTINCT_PX = 8.0  # lines closer than this are one
+SPARE_PX = 8.0
+
+
+class Side(NamedTuple):
+    """One expected edge of a corner: it starts at the corner."""
+
+    name: str
+    edge: ExpectedEdge
+    scan: Scan
+
+    @property
+    def way(self) -> Px:
+        """Unit vector away from the corner."""
+        return direction(self.edge.start, self.edge.end)
+
+    @property
+    def length_px(self) -> float:
+        """From the corner to the end of the used stretch."""
+        return math.dist(self.edge.start, self.edge.end)
+
+    def used(self, pixels: Pixels, corner: Px, way: Px, skip_px: float) -> tuple[int, int]:
+        """The scanned range of the edge when the corner and the way are these."""
+        return stretch(self.scan, pixels, ahead(corner, way, skip_px), ahead(corner, way, self.length_px))
+
+
+class Near(NamedTuple):
+    """A rough line of a side, the way it runs from the corner, and its score."""
+
+    line: Line
+    way: Px
+    score: float
+
+
+Sides = tuple[Side, Side]
+
+
+def square_off_deg(sides: Sides, one: Px, two: Px) -> float:
+    """The angle between two ways less the expected one."""
+    return wrap_deg(angle_deg(one, two) - angle_deg(sides[0].way, sides[1].way))
+
+
+def catch_pair(pixels: Pixels, sides: Sides, search: Search, limits: Limits) -> tuple[Near, Near]:
+    """The best pair of rough lines. Raises NotFound: no light, no lines, none that fit together, or a rival."""
+    votes = _joint_votes(coarse(pixels), sides, search, limits)
+    found = [_catch(pixels, side, vote, limits) for side, vote in zip(sides, votes, strict=True)]
+    for side, lines in zip(sides, found, strict=True):
+        if not lines:
+            raise NotFound(side.name, f"no straight edge within {search.position_px:.0f} px of its place")
+    pairs = [(a, b) for a in found[0] for b in found[1] if abs(square_off_deg(sides, a.way, b.way)) < ROUGH_SQUARE_DEG]
+    if not pairs:
+        raise NotFound("squareness", f"no two edges within {ROUGH_SQUARE_DEG} deg of the expected angle")
+    best = max(pairs, key=lambda pair: pair[0].score + pair[1].score)
+    for side, chosen, lines in zip(sides, best, found, strict=True):
+        _check_rivals(side, chosen, lines, limits)
+    return best
+
+
+def _joint_votes(small: Coarse, sides: Sides, search: Search, limits: Limits) -> tuple[Votes, Votes]:
+    """Votes for both sides; each turn is backed by the other side's votes for the same turn of the part."""
+    edges = [side.edge._replace(start=ahead(side.edge.start, side.way, limits.corner_skip_px)) for side in sides]
+    turned_px = max(side.length_px for side in sides) * math.tan(math.radians(search.angle_deg))
+    reach = search.position_px + turned_px + SPARE_PX
+    one, two = (line_votes(small, edge, reach, search.angle_deg, limits.min_contrast) for edge in edges)
+    same = 1 if turns_the_same_way(*edges) else -1
+    return _backed(one, two.heights.max(axis=1)[::same]), _backed(two, one.heights.max(axis=1)[::same])
+
+
+def _backed(votes: Votes, support: Singles) -> Votes:
+    """Votes with support per turn (give or take two) added wherever there are votes at all."""
+    wide = cv2.dilate(np.ascontiguousarray(support).reshape(-1, 1), np.ones((5, 1), np.uint8))
+    return votes._replace(heights=np.where(votes.heights > 0.0, votes.heights + wide, 0.0).astype(np.float32))
+
+
+def _catch(pixels: Pixels, side: Side, votes: Votes, limits: Limits) -> list[Near]:
+    first, last = side.used(pixels, side.edge.start, side.way, limits.corner_skip_px)
+    lines = []
+    for rough in rough_lines(votes, 2):
+        caught = catch_line(pixels, side.scan, line_through(side.scan, rough), first, last, limits.min_contrast)
+        if caught is not None:
+            along = math.copysign(caught.line.cosine, side.way[side.scan.axis])
+            lines.append(Near(caught.line, side.scan.point(along, along * caught.line.slope), caught.score))
+    return lines
+
+
+def _check_rivals(side: Side, chosen: Near, lines: list[Near], limits: Limits) -> None:
+    """Raises NotFound when another distinct line is nearly as good."""
+    for other in lines:
+        apart = abs(other.line.height - chosen.line.moved(other.line.at).height)
+        if apart > DISTINCT_PX and other.score > limits.max_rival * chosen.score:
+            detail = f"another line {apart:.0f} px away has {other.score / chosen.score:.0%} of its score"
+            raise NotFound(f"{side.name} rival", f"{detail}, allowed are {limits.max_rival:.0%}")
