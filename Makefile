@@ -5,12 +5,13 @@ STAMP := $(VENV)/.installed
 PACKAGES := libaravis-0.8-0
 COMPILE := --quiet --universal --python-version 3.11 --generate-hashes --no-annotate --no-header
 
-.PHONY: help demo test test-all check lint format lock clean bench-vision
+.PHONY: help demo test lint format lock clean bench-vision bench-geometry-signs
 
 help:
 	@echo "make demo          the whole cell on simulators, live in this terminal (options: DEMO='--speed 1 --units 20')"
 	@echo "make test          lint, types, import rules, tests"
 	@echo "make bench-vision  noise, bias and time of the finders"
+	@echo "make bench-geometry-signs  a sign error planted in every term of geometry.py: the whole-cell tests notice each"
 	@echo "make format        format the code"
 	@echo "make lock          renew deploy/requirements.lock and tests/requirements.lock from pyproject.toml"
 	@echo "make clean         remove the virtual environment and everything built"
@@ -26,6 +27,9 @@ lint: $(STAMP)
 	$(VENV)/bin/ruff format --check .
 	$(VENV)/bin/mypy
 	$(VENV)/bin/lint-imports --no-cache
+
+bench-geometry-signs: $(STAMP) packages
+	$(VENV)/bin/python -m tests.benchmarks.mutate_geometry
 
 bench-vision: $(STAMP)
 	$(VENV)/bin/python -m tests.benchmarks.bench_vision

@@ -70,9 +70,7 @@ def noticed(source: str, tests: tuple[str, ...]) -> bool:
         (Path(folder) / TARGET).write_text(source, encoding="utf-8")
         command = [sys.executable, "-m", "pytest", "-q", "-x", "-p", "no:cacheprovider", *tests]
         try:
-            return (
-                subprocess.run(command, cwd=folder, capture_output=True, timeout=WITHIN_S, check=False).returncode != 0
-            )
+            run = subprocess.run(command, cwd=folder, capture_output=True, timeout=WITHIN_S, check=False)
         except subprocess.TimeoutExpired:
             return True
         return run.returncode != 0
