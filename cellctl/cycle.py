@@ -3,8 +3,9 @@
 Read `assemble` first; every function below it is one of its lines. Nothing here knows a machine state or waits for
 an operator. An exception ends the cycle, and faults.py says what follows.
 
-Two pictures are measured beside the motion: camera 1's while the robot fetches the battery, camera 2's while the arm
-already travels to the seat. The vacuum is checked at five points, numbered 1 to 5 where they stand.
+Both pictures are transferred and measured beside the motion, from the end of their exposure on: camera 1's while the
+robot fetches the battery, camera 2's while the arm already travels to the seat. The vacuum is checked at five points,
+numbered 1 to 5 where they stand.
 """
 
 import asyncio
@@ -12,11 +13,20 @@ import time
 from collections.abc import AsyncIterator, Coroutine
 from contextlib import asynccontextmanager
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
 
 from cellctl import views
 from cellctl.config import CellConfig
-from cellctl.faults import BatteryLost, FormulasDisagree, NoParts, OffsetTooLarge, PlacementUncertain, VacuumStuck
+from cellctl.faults import (
+    BaseNotFound,
+    BatteryLost,
+    FormulasDisagree,
+    NoParts,
+    OffsetTooLarge,
+    PlacementUncertain,
+    VacuumStuck,
+)
 from cellctl.geometry import Mm, Offset, Pose, disagreement_mm, offset_about, place_pose
 from cellctl.hand import Hand
 from cellctl.journal import Journal
@@ -24,10 +34,9 @@ from cellctl.log import bind, step
 from cellctl.placement import Prediction, Source, predict
 from cellctl.recipe import Recipe
 from cellctl.references import CameraCalibration, Taught
-from cellctl.sight import Sight, grab
+from cellctl.sight import Sight, exposed
 from cellctl.vision import BaseMeasurement, BatteryMeasurement
-from drivers.camera import Frame
-from drivers.errors import NoAnswer, Refused
+from drivers.errors import FrameLost, NoAnswer, Refused
 
 SAME_MM = 1e-6
 
@@ -70,16 +79,16 @@ async def assemble(job: Job, unit: Unit) -> None:
     with step(2, "start signal"):
         check_parts(job)
     with step(3, "look at base"):
-        base_frame = await look_at_base(job)
-    async with beside(locate_base(job, unit, base_frame)) as base:
+        base = await look_at_base(job, unit)
+    async with never_outliving(base):
         with step(4, "fetch battery") as line:
             await fetch_battery(job, unit, base)
             line.text = f"base {as_text(unit.base)}"
         with step(5, "look at battery"):
-            battery_frame = await look_at_battery(job)
-        async with beside(locate_battery(job, unit, battery_frame)) as battery:
+            battery = await look_at_battery(job, unit)
+        async with never_outliving(battery):
             with step(6, "place battery") as line:
-                await place_battery(job, unit, await base, battery)
+                await place_battery(job, unit, base.result(), battery)
                 line.text = f"battery {as_text(unit.battery)}"
 
 
@@ -119,22 +128,23 @@ def check_parts(job: Job) -> None:
 # -- steps 3 and 5: pictures -------------------------------------------------------------------------------
 
 
-async def look_at_base(job: Job) -> Frame:
-    """Camera 1, travelling with the tool, over the base."""
+async def look_at_base(job: Job, unit: Unit) -> asyncio.Task[Pose]:
+    """Camera 1, travelling with the tool, over the base; measured while the arm moves on."""
     await job.hand.stop_at(job.taught.look_1, job.config.positions.camera_1_z_mm)
-    return await grab(job.hand.devices.camera_1)
+    return await exposed(partial(locate_base, job, unit))
 
 
-async def look_at_battery(job: Job) -> Frame:
-    """The battery on the cup, over camera 2."""
+async def look_at_battery(job: Job, unit: Unit) -> asyncio.Task[Pose]:
+    """The battery on the cup, over camera 2; measured while the arm moves on."""
     await job.hand.stop_at(job.taught.look_2, job.config.positions.camera_2_z_mm)
     job.hand.expect_vacuum(True, 3, BatteryLost, "over camera 2")
-    return await grab(job.hand.devices.camera_2)
+    return await exposed(partial(locate_battery, job, unit))
 
 
-async def locate_base(job: Job, unit: Unit, frame: Frame) -> Pose:
+async def locate_base(job: Job, unit: Unit, over: asyncio.Event) -> Pose:
     """robot_from_base out of camera 1's picture."""
     taught, seat, limits = job.taught, job.recipe.base, job.recipe.limits
+    frame = await job.hand.devices.camera_1.grab(exposed=over)
     unit.seen_base, tool_from_base = await job.sight.base(
         frame, taught.look_1.inverse() @ taught.robot_from_base, unit.id
     )
@@ -145,9 +155,10 @@ async def locate_base(job: Job, unit: Unit, frame: Frame) -> Pose:
     return robot_from_base
 
 
-async def locate_battery(job: Job, unit: Unit, frame: Frame) -> Pose:
+async def locate_battery(job: Job, unit: Unit, over: asyncio.Event) -> Pose:
     """tool_from_battery out of camera 2's picture."""
     taught, limits = job.taught, job.recipe.limits
+    frame = await job.hand.devices.camera_2.grab(exposed=over)
     unit.seen_battery, robot_from_battery = await job.sight.battery(
         frame, taught.look_2 @ taught.tool_from_battery, unit.id
     )
@@ -184,14 +195,18 @@ def as_text(offset: Offset | None) -> str:
 
 
 async def fetch_battery(job: Job, unit: Unit, base: asyncio.Task[Pose]) -> None:
-    """Take the battery from its table. A base that was not found ends the unit before anything hangs on the cup."""
-    job.hand.expect_vacuum(False, 1, VacuumStuck, "before the pick")
-    await job.hand.travel(job.taught.table_pick)
-    await wait_for_vision(unit, "camera-1", base)
-    await job.journal.step(unit.id, 4, "fetch battery", "intent")
-    await job.hand.suck(job.taught.table_pick, job.recipe.pick.touch_z_mm)
-    await job.journal.step(unit.id, 4, "fetch battery", "done")
-    job.hand.expect_vacuum(True, 2, BatteryLost, "after the pick")
+    """Take the battery from its table; it goes back there when the base turns out not to be good."""
+    hand, pick = job.hand, job.taught.table_pick
+    hand.expect_vacuum(False, 1, VacuumStuck, "before the pick")
+    async with written(job.journal.step(unit.id, 4, "fetch battery", "intent")):
+        await hand.travel(pick)
+    await hand.suck(pick, job.recipe.pick.touch_z_mm)
+    hand.expect_vacuum(True, 2, BatteryLost, "after the pick")
+    try:
+        await wait_for_vision(unit, "camera-1", base)
+    except (BaseNotFound, OffsetTooLarge, FrameLost):
+        await hand.put(pick, job.recipe.pick.touch_z_mm)
+        raise
 
 
 # -- step 6: place -----------------------------------------------------------------------------------------
@@ -202,16 +217,16 @@ async def place_battery(job: Job, unit: Unit, robot_from_base: Pose, battery: as
     taught, hand = job.taught, job.hand
     if job.recipe.cameras == "camera_2_only":
         robot_from_base = taught.robot_from_base
-    seat = place_pose(robot_from_base, taught.base_from_battery, taught.tool_from_battery)
-    await hand.travel(hand.before(seat))  # right to a millimetre: camera 2's picture is still being measured
+    about = place_pose(robot_from_base, taught.base_from_battery, taught.tool_from_battery)
+    await hand.travel(hand.before(about, job.recipe.limits.battery_offset_mm))
     tool_from_battery = await wait_for_vision(unit, "camera-2", battery)
     unit.prediction = predict_placement(job, unit)
     if unit.prediction.p99_mm > job.recipe.limits.placement_mm:
         raise PlacementUncertain(f"{unit.prediction.sentence}, allowed are {job.recipe.limits.placement_mm:g} mm")
     unit.placed_at = place_pose(robot_from_base, taught.base_from_battery, tool_from_battery)
+    async with written(job.journal.step(unit.id, 6, "place battery", "intent", {"at": list(unit.placed_at)})):
+        await hand.arrive(unit.placed_at)
     hand.expect_vacuum(True, 4, BatteryLost, "before placing")
-    await job.journal.step(unit.id, 6, "place battery", "intent", {"at": list(unit.placed_at)})
-    await hand.stop_at(unit.placed_at)
     await hand.put(unit.placed_at, job.recipe.place.seat_z_mm)
     hand.expect_vacuum(False, 5, VacuumStuck, "after placing")
     await job.journal.step(unit.id, 6, "place battery", "done")
@@ -245,16 +260,25 @@ def predict_placement(job: Job, unit: Unit) -> Prediction:
 
 
 @asynccontextmanager
-async def beside(work: Coroutine[Any, Any, Pose]) -> AsyncIterator[asyncio.Task[Pose]]:
-    """Run work beside the block; it never outlives the block."""
-    task = asyncio.create_task(work)
+async def never_outliving(task: asyncio.Task[Pose]) -> AsyncIterator[None]:
+    """A measurement ends with the block at the latest."""
     try:
-        yield task
+        yield
     finally:
         task.cancel()
         await asyncio.wait([task])
         if not task.cancelled():
             task.exception()  # was raised where it was waited for, or the block failed before that
+
+
+@asynccontextmanager
+async def written(entry: Coroutine[Any, Any, None]) -> AsyncIterator[None]:
+    """A journal entry that is on disk when the block ends, written beside it."""
+    task = asyncio.create_task(entry)
+    try:
+        yield
+    finally:
+        await task
 
 
 async def wait_for_vision(unit: Unit, camera: str, task: asyncio.Task[Pose]) -> Pose:

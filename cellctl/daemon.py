@@ -6,6 +6,7 @@ finished, the arm stands, the journal is closed clean. A critical task that dies
 
 import asyncio
 import signal
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -27,6 +28,8 @@ from drivers.plc import Plc
 from drivers.rcx import LEFTY, RIGHTY
 from drivers.reach import Limits
 from drivers.robot import Robot
+
+SWITCH_S = 0.0005  # a vision thread gives the interpreter back to the loop within this time (Python: 5 ms)
 
 
 def build_devices(config: CellConfig) -> Devices:
@@ -67,6 +70,7 @@ async def run(config_path: Path, state: Path | None = None) -> int:
     wanted = config.log
     records = configure(config.paths.log / LOG_NAME, wanted.level, rotate_mb=wanted.rotate_mb, keep=wanted.keep)
     cv2.setNumThreads(1)  # one picture, one core: least jitter
+    sys.setswitchinterval(SWITCH_S)
     try:
         config.paths.state.mkdir(parents=True, exist_ok=True)
         journal = await Journal.open(config.paths.state / JOURNAL_NAME)

@@ -52,13 +52,17 @@ class Hand:
         await self.travel(start)
         if z_mm is not None and z_mm != self.positions.safe_z_mm:
             await self._move(start, z_mm, self.motion.touch_speed_pct)
-        height_mm = self.positions.safe_z_mm if z_mm is None else z_mm
-        await self._move(at, height_mm, self.motion.touch_speed_pct)
+        await self.arrive(at, z_mm)
+
+    async def arrive(self, at: Pose, z_mm: float | None = None) -> None:
+        """The last, slow stretch from `before` a stop to the stop, and stand still."""
+        await self._move(at, self.positions.safe_z_mm if z_mm is None else z_mm, self.motion.touch_speed_pct)
         await asyncio.sleep(self.motion.settle_s)
 
-    def before(self, at: Pose) -> Pose:
-        """Where the one-sided approach to a stop begins."""
-        return Pose(at.x_mm - self.motion.approach_mm, at.y_mm - self.motion.approach_mm, at.t_deg)
+    def before(self, at: Pose, uncertain_mm: float = 0.0) -> Pose:
+        """Where the one-sided approach begins to a stop that is known to so many mm."""
+        back_mm = self.motion.approach_mm + uncertain_mm
+        return Pose(at.x_mm - back_mm, at.y_mm - back_mm, at.t_deg)
 
     async def suck(self, at: Pose, z_mm: float) -> None:
         """Touch, suck, lift; touch again as often as the recipe allows. Raises PickFailed."""

@@ -1,7 +1,9 @@
 """Looking: one picture at a stop, and a part's pose out of it, with the annotated picture kept beside the work."""
 
 import asyncio
+from collections.abc import Callable, Coroutine
 from dataclasses import dataclass
+from typing import Any
 
 from cellctl import views
 from cellctl.calibration.plane_map import PlaneMap
@@ -25,6 +27,24 @@ async def grab(camera: Camera) -> Frame:
         except FrameLost:
             continue
     return await camera.grab(within_s=GRAB_WITHIN_S)
+
+
+async def exposed(look: Callable[[asyncio.Event], Coroutine[Any, Any, Pose]]) -> asyncio.Task[Pose]:
+    """Begin to look, and return as soon as the exposure is over: the arm may move while the picture is measured."""
+    over = asyncio.Event()
+    looking = asyncio.create_task(look(over))
+    waiting = asyncio.create_task(over.wait())
+    try:
+        await asyncio.wait({looking, waiting}, return_when=asyncio.FIRST_COMPLETED)
+    except asyncio.CancelledError:
+        looking.cancel()
+        await asyncio.wait([looking])
+        raise
+    finally:
+        waiting.cancel()
+    if looking.done():
+        looking.result()  # failed before it had exposed
+    return looking
 
 
 @dataclass(frozen=True)

@@ -1,5 +1,6 @@
 """What every camera driver offers, and what a picture is."""
 
+import asyncio
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -39,8 +40,10 @@ class Camera(Protocol):
     async def configure(self, *, exposure_us: float, gain_db: float = 0.0) -> None:
         """Set exposure and gain; raises Refused when the camera reads back another value."""
 
-    async def grab(self, *, within_s: float = 1.0) -> Frame:
+    async def grab(self, *, within_s: float = 1.0, exposed: asyncio.Event | None = None) -> Frame:
         """Trigger and return the picture whose exposure began after this call.
+
+        `exposed` is set as soon as the exposure is over: from then on whatever the camera looks at may move.
 
         Raises FrameLost, NoAnswer, LinkLost.
         """

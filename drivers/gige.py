@@ -120,8 +120,10 @@ class GigeCamera:
             raise Refused(self._name, "read-back", detail)
         self._wanted = replace(self._wanted, exposure=(exposure_us, gain_db))
 
-    async def grab(self, *, within_s: float = 1.0) -> Frame:
+    async def grab(self, *, within_s: float = 1.0, exposed: asyncio.Event | None = None) -> Frame:
         """Trigger and return the picture whose exposure began after this call; its pixels belong to the caller.
+
+        `exposed` is set when the exposure is over, that is, exposure time and 2 ms after the trigger was acknowledged.
 
         `exposure_start_ns` is the camera's own time of it, carried over to the host's clock by a reading of both just
         before the trigger: good to half that reading's round trip (usually 0.1 to 1 ms), and within the bounds of the
@@ -131,7 +133,7 @@ class GigeCamera:
         try:
             async with asyncio.timeout(within_s), self._turn:
                 connection = self._open_connection()
-                return await connection.grab()
+                return await connection.grab(exposed)
         except TimeoutError:
             raise self._nothing_came(connection, within_s) from None
         except AravisError as error:

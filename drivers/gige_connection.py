@@ -19,6 +19,7 @@ POLL_S = 0.05
 CONTROL_RETRY_S = 0.1
 HEARTBEAT_MARGIN_S = 0.5
 LENT_BUFFERS = 4
+EXPOSED_MARGIN_S = 0.002  # a camera begins to expose within this time of acknowledging a trigger
 SETTLE_S = 0.01  # from the end of an exposure until the camera takes the next trigger
 
 T = TypeVar("T")
@@ -225,12 +226,14 @@ class Connection:
         """Did the camera acknowledge the newest trigger?"""
         return self._shot is not None and self._shot.acknowledged
 
-    async def grab(self) -> Frame:
-        """Trigger, and wait for that trigger's picture."""
+    async def grab(self, exposed: asyncio.Event | None) -> Frame:
+        """Trigger, tell when the exposure is over, and wait for that trigger's picture."""
         await asyncio.sleep(max(0.0, self._ready_s - self._loop.time()))
         self._shot = shot = _Shot(self._loop.create_future())
         try:
             await self._worker.call(lambda: self._trigger_now(shot))
+            if exposed is not None:
+                self._loop.call_later(self._exposure[0] / 1e6 + EXPOSED_MARGIN_S, exposed.set)
             return await shot.picture
         finally:
             exposing_s = 0.0 if _has_picture(shot) else self._exposure[0] / 1e6 + SETTLE_S

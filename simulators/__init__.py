@@ -1,1 +1,4 @@
-"""The simulated cell: one physical truth behind servers that speak the real protocols. Imports nothing of cellctl or drivers."""
+"""The simulated cell: one physical truth behind servers that speak the real protocols.
+
+Imports nothing of cellctl or drivers, so that no mistake can happen on both sides and cancel.
+"""

@@ -2,6 +2,7 @@
 
 import argparse
 import asyncio
+import selectors
 import signal
 import sys
 from contextlib import suppress
@@ -20,12 +21,19 @@ def main() -> int:
     options = _parser().parse_args()
     world = World(options.seed, load_product(options.product), speed=options.speed)
     cv2.setNumThreads(1)  # one thread per camera renders already
+    sys.setswitchinterval(0.0005)  # and gives the interpreter back to the protocol servers
     try:
-        asyncio.run(_serve(world, _addresses(options), options.person))
+        with asyncio.Runner(loop_factory=_exact_loop) as runner:
+            runner.run(_serve(world, _addresses(options), options.person))
     except OSError as error:
         print(f"simulated cell: cannot listen: {error.strerror or error}; is another one running?", file=sys.stderr)
         return 1
     return 0
+
+
+def _exact_loop() -> asyncio.AbstractEventLoop:
+    """A loop whose timers are not rounded to milliseconds, which are tenths of a second of a fast world."""
+    return asyncio.SelectorEventLoop(selectors.SelectSelector())
 
 
 def _parser() -> argparse.ArgumentParser:

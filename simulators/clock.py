@@ -6,11 +6,10 @@ stands at that time until the work is done: `with clock.due_by(t): ...`.
 """
 
 import asyncio
+import math
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-
-SHORTEST_SLEEP_S = 0.0002
 
 
 class Clock:
@@ -23,6 +22,7 @@ class Clock:
         self._wall_s = time.monotonic()
         self._world_s = 0.0
         self._dues: dict[object, float] = {}
+        self._goes_on = asyncio.Event()  # set, and replaced, whenever somebody's work is done
 
     def now(self) -> float:
         """World seconds since the start."""
@@ -42,11 +42,16 @@ class Clock:
         finally:
             self.now()
             del self._dues[key]
+            self._goes_on.set()
+            self._goes_on = asyncio.Event()
 
     async def sleep_until(self, at_s: float) -> None:
-        """Return at world time `at_s` or at once if that is past."""
+        """Return at world time `at_s` or at once if that is past. A sleeper costs nothing while time stands."""
         while (left_s := at_s - self.now()) > 0:
-            await asyncio.sleep(max(left_s / self.speed, SHORTEST_SLEEP_S))
+            if min(self._dues.values(), default=math.inf) <= self._world_s:
+                await self._goes_on.wait()
+            else:
+                await asyncio.sleep(left_s / self.speed)
 
     async def sleep(self, for_s: float) -> None:
         """Sleep for so many world seconds."""

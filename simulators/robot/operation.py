@@ -7,20 +7,18 @@ from simulators.clock import Clock
 from simulators.robot.line import Session
 
 DEAD_MAN_S = 0.2
-TIMER_S = 0.001  # wall: the loop's timers are no finer, so the rest is waited for actively and END comes on time
 
 
 async def wait_until(clock: Clock, world_s: float, interruption: asyncio.Future[str] | None = None) -> None:
-    """Wait for a world time to the millisecond of a fast world, or until interrupted."""
-    while (left_s := (world_s - clock.now()) / clock.speed) > 0:
-        if interruption is not None and interruption.done():
-            return
-        if left_s < TIMER_S:
-            await asyncio.sleep(0)
-        elif interruption is None:
-            await asyncio.sleep(left_s - TIMER_S)
-        else:
-            await asyncio.wait((interruption,), timeout=left_s - TIMER_S)
+    """Wait for a world time, or until interrupted."""
+    if interruption is None or clock.now() >= world_s:
+        await clock.sleep_until(world_s)
+        return
+    sleeper = asyncio.ensure_future(clock.sleep_until(world_s))
+    try:
+        await asyncio.wait((interruption, sleeper), return_when=asyncio.FIRST_COMPLETED)
+    finally:
+        sleeper.cancel()
 
 
 class Operation:
