@@ -17,7 +17,7 @@ help:
 	@echo "make clean         remove the virtual environment and everything built"
 
 demo: $(STAMP) packages
-	$(VENV)/bin/cellctl demo --out build/demo $(DEMO)
+	$(VENV)/bin/cellctl demo $(DEMO)
 
 test: $(STAMP) packages lint
 	CELLCTL_STRICT=1 $(VENV)/bin/pytest -q $(TEST)
