@@ -95,12 +95,12 @@ def check(config: Path, as_json: bool, offline: bool) -> None:
 
 
 @cli.command()
-@option("--speed", type=click.FloatRange(1, 100), default=100.0, show_default=True, help="World seconds per second; 1 = real time.")
-@option("--units", type=click.IntRange(1), default=100, show_default=True, help="Units with both cameras, and as many with camera 2 only.")
+@option("--speed", type=click.FloatRange(1, 100), default=100.0, show_default=True, help="1 = real time.")
+@option("--units", type=click.IntRange(1), default=100, show_default=True, help="Units of each of the two runs.")
 @option("--seed", type=int, default=1, show_default=True, help="Which simulated cell.")
-@option("--repeats", type=click.IntRange(1, 100), default=10, show_default=True, help="Golden assemblies to teach from.")
+@option("--repeats", type=click.IntRange(1, 100), default=10, show_default=True, help="Golden assemblies.")
 @option("--recipe", default="x85", show_default=True, help="Which phone model.")
-@option("--out", type=FILE, default=Path("build/demo"), show_default=True, help="Folder for records and pictures; emptied.")
+@option("--out", type=FILE, default=Path("build/demo"), show_default=True, help="Folder to fill; emptied first.")
 def demo(**options: Any) -> None:
     """Calibrate, teach and assemble in a simulated cell, live, with the real controller and the real protocols."""
     from cellctl.demo import Options, main

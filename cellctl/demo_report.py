@@ -47,6 +47,7 @@ class Run:
     title: str
     units: int
     rows: list[Row] = field(default_factory=list)
+    interrupted: int = 0  # how often the cell aborted
 
     @property
     def good(self) -> int:
@@ -63,6 +64,7 @@ class Run:
         return {
             "units": len(self.rows),
             "good": self.good,
+            "interrupted": self.interrupted,
             "placement_error_mm": quantiles(self.errors_mm) | {"max": max(self.errors_mm, default=None)},
         }
 

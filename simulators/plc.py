@@ -14,7 +14,7 @@ from simulators.plc_program import PlcProgram, PlcWorld, Program
 
 ORDERS, PICTURE = range(0, 16), range(100, 132)  # written by the client, written by the PLC
 CYCLE_S = 0.01  # PLC cycle in world seconds
-SHORTEST_PAUSE_WALL_S = 0.001
+SHORTEST_PAUSE_WALL_S = 0.002
 LONGEST_STEP_S = 0.2  # world time waits for the next cycle, so a busy computer cannot make the PLC miss a carrier
 FRESH_WALL_S = 0.001
 BUTTONS = {"start": 1, "stop": 2, "reset": 4}

@@ -18,6 +18,7 @@ from cellctl.cell import Cell
 from cellctl.config import CellConfig, load_config
 from cellctl.control_requests import parse_request
 from cellctl.daemon import build_devices, with_state
+from cellctl.demo import hurried
 from cellctl.events import Event
 from cellctl.hand import Devices
 from cellctl.journal import Journal
@@ -140,7 +141,7 @@ async def simulated(
 
     `learnt` is the state folder of a commissioned cell of the same seed.
     """
-    config = _config(folder, loopback(), recipes)
+    config = _config(folder, loopback(), _hurried(recipes or ROOT / "recipes", folder / "hurried", speed))
     if learnt is not None:
         shutil.copytree(learnt, config.paths.state, ignore=shutil.ignore_patterns("*.db*", "log", "pictures"))
     net = config.plc.host.rpartition(".")[0]
@@ -161,10 +162,17 @@ async def whole_cell(
             yield bench
 
 
-def _config(folder: Path, net: str, recipes: Path | None) -> CellConfig:
+def _hurried(recipes: Path, copies: Path, speed: float) -> Path:
+    copies.mkdir(parents=True, exist_ok=True)
+    for recipe in recipes.glob("*.toml"):
+        (copies / recipe.name).write_text(hurried(recipe.read_text(encoding="utf-8"), speed), encoding="utf-8")
+    return copies
+
+
+def _config(folder: Path, net: str, recipes: Path) -> CellConfig:
     text = (ROOT / "deploy" / "simulated-cell.toml").read_text(encoding="utf-8")
     text = text.replace('"127.0.0.', f'"{net}.').replace("tcp://127.0.0.", f"tcp://{net}.")
-    text = text.replace('"../recipes"', f'"{recipes or ROOT / "recipes"}"')
+    text = text.replace('"../recipes"', f'"{recipes}"')
     path = folder / "cell.toml"
     path.write_text(text, encoding="utf-8")
     return with_state(load_config(path), folder / "state")
