@@ -46,6 +46,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--speed", type=float, default=1.0, help="world seconds per second (default 1: real time)")
     parser.add_argument("--plc", default="127.0.0.1:5020", metavar="HOST:PORT")
     parser.add_argument("--robot", default="127.0.0.1:10023", metavar="HOST:PORT")
+    parser.add_argument("--robot-serial", type=int, metavar="BAUD", help="offer the robot on a pseudo terminal, too")
     parser.add_argument("--camera-1", default="127.0.0.2", metavar="IP")
     parser.add_argument("--camera-2", default="127.0.0.3", metavar="IP")
     parser.add_argument("--person", type=Path, help="unix socket for the person at the cell (JSON lines)")
@@ -55,7 +56,9 @@ def _parser() -> argparse.ArgumentParser:
 def _addresses(options: argparse.Namespace) -> Addresses:
     plc_host, plc_port = _host_port(options.plc)
     robot_host, robot_port = _host_port(options.robot)
-    return Addresses(plc_host, plc_port, robot_host, robot_port, options.camera_1, options.camera_2)
+    return Addresses(
+        plc_host, plc_port, robot_host, robot_port, options.camera_1, options.camera_2, options.robot_serial
+    )
 
 
 def _host_port(text: str) -> tuple[str, int]:
@@ -76,6 +79,8 @@ async def _serve(world: World, addresses: Addresses, person: Path | None) -> Non
             await at_hand.start()
         print(f"PLC       Modbus TCP    {addresses.plc_host}:{cell.plc.port}, unit 1")
         print(f"robot     RCX340        {addresses.robot_host}:{cell.robot.port}")
+        if addresses.robot_serial_baud:
+            print(f"robot     RCX340        serial:{cell.robot.tty}?baud={addresses.robot_serial_baud}")
         print(f"camera 1  GigE Vision   {addresses.camera_1} (SIM-CAM-1)")
         print(f"camera 2  GigE Vision   {addresses.camera_2} (SIM-CAM-2)")
         print(f"world     seed {world.seed}, speed {world.clock.speed:g}; stop with Ctrl-C", flush=True)

@@ -23,6 +23,7 @@ class Addresses:
     robot_port: int = 10023
     camera_1: str = "127.0.0.2"
     camera_2: str = "127.0.0.3"
+    robot_serial_baud: int | None = None  # also on a serial line (a pseudo terminal), paced like this baud rate
 
 
 class Server(Protocol):
@@ -41,7 +42,12 @@ class SimulatedCell:
     def __init__(self, world: World, addresses: Addresses) -> None:
         self.world = world
         self.plc = PlcServer(world, host=addresses.plc_host, port=addresses.plc_port)
-        self.robot = RobotController(world, host=addresses.robot_host, port=addresses.robot_port)
+        self.robot = RobotController(
+            world,
+            host=addresses.robot_host,
+            port=addresses.robot_port,
+            serial_baud=addresses.robot_serial_baud,
+        )
         self._eyes = Eye(world, 1), Eye(world, 2)
         self.cameras = {
             number: GigeCameraServer(address, f"SIM-CAM-{number}", eye, world.clock, name=f"camera {number}")

@@ -9,7 +9,8 @@ from simulators import parts
 from simulators.gige import Exposure
 from simulators.place import Place
 from simulators.render import Optics, Scene, Shape, placed, render
-from simulators.world import Battery, World
+from simulators.things import Battery
+from simulators.world import World
 
 CEILING_LEVEL = 20.0
 NOMINAL_EXPOSURE_US = 2000.0

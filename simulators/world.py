@@ -8,7 +8,7 @@ Nothing here runs by itself: what has happened since the last question is worked
 import math
 import zlib
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -16,48 +16,16 @@ from simulators.arm import Arm
 from simulators.clock import Clock
 from simulators.conveyor import Conveyor
 from simulators.layout import build_layout
-from simulators.parts import BaseDrawing, BatteryDrawing, PlateDrawing
 from simulators.place import Place, turned_about
 from simulators.product import Product
 from simulators.suction import Suction
 from simulators.supply import Delivery, Displacement, Scatter, Sizes, Supply
+from simulators.things import PLATE_MIDDLE, Base, Battery, Plate
 from simulators.verdict import Fit, Rectangle, Verdict, fit
 
 TOUCH_MM = 0.6  # the cup's lip gives so much
 FLOOR = "floor"
 GOLDEN_CARRIER = 9000
-PLATE = PlateDrawing()
-PLATE_MIDDLE = Place((PLATE.columns - 1) * PLATE.pitch_mm / 2, (PLATE.rows - 1) * PLATE.pitch_mm / 2)
-
-
-@dataclass
-class Base:
-    """The base on the carrier at the station."""
-
-    place: Place  # base frame in robot coordinates
-    delivery: Delivery
-    carrier_id: int
-    seat: Rectangle
-    drawing: BaseDrawing  # with the sizes that this one came out with
-
-
-@dataclass
-class Battery:
-    """A battery, somewhere. `place` is seen from `where`: table and floor from the room, tool, seat from the base."""
-
-    size: Rectangle
-    drawing: BatteryDrawing
-    where: str
-    place: Place
-    displacement: Displacement
-
-
-@dataclass
-class Plate:
-    """The dot plate for camera 2, in its nest or on the cup. `place` is its large dot's, seen from `where`."""
-
-    where: str
-    place: Place
 
 
 class World:

@@ -181,6 +181,29 @@ async def test_a_plc_with_another_register_map_is_refused_at_start(learnt: Path,
         assert "0x0100" in bench.cell.message
 
 
+async def test_a_cell_without_its_devices_starts_in_aborted_and_says_which_is_missing(tmp_path: Path) -> None:
+    async with simulated(tmp_path) as bench:
+        pass  # and now nobody listens any more
+    async with running(bench):
+        assert bench.cell.state is State.ABORTED
+        assert bench.cell.message.startswith("[D1] plc:")
+        assert "5020" in bench.cell.message
+
+
+@pytest.mark.parametrize("device", ["robot", "camera_2"])
+async def test_a_missing_robot_or_camera_is_named_at_start(device: str, learnt: Path, tmp_path: Path) -> None:
+    def take_away(bench: Bench) -> None:
+        if device == "robot":
+            bench.world.inject("robot", "link_drop", for_s=1000.0)
+        else:
+            bench.world.inject("camera_2", "mute")
+
+    async with whole_cell(tmp_path, learnt=learnt, before_start=take_away) as bench:
+        assert bench.cell.state is State.ABORTED
+        assert bench.cell.message.startswith("[D")
+        assert device.replace("_", " ") in bench.cell.message
+
+
 async def test_a_cell_that_was_never_calibrated_holds_with_what_to_do(tmp_path: Path) -> None:
     async with whole_cell(tmp_path) as bench:
         await bench.ready()

@@ -35,6 +35,7 @@ ROOT = Path(__file__).resolve().parent.parent
 SEED = 11
 SPEED = 50.0
 WITHIN_S = 30.0
+STUCK = {State.ABORTED, State.HELD, State.SUSPENDED}  # nothing goes on by itself from here
 _next = itertools.count(1)
 
 
@@ -69,6 +70,7 @@ class Bench:
         """Wait for one of these states."""
         async with asyncio.timeout(WITHIN_S):
             while self.cell.state not in states:
+                assert self.cell.state not in STUCK, self.cell.message
                 await asyncio.sleep(0.005)
 
     async def when(self, holds: Callable[[], bool]) -> None:
@@ -116,7 +118,7 @@ class Bench:
         while self.cell.state is not State.COMPLETE:
             await self.help()
             await asyncio.sleep(0.005)
-            assert self.cell.state not in {State.ABORTED, State.HELD, State.SUSPENDED}, self.cell.message
+            assert self.cell.state not in STUCK, self.cell.message
 
     async def help(self) -> None:
         """Do what a person is asked for."""
