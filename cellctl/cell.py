@@ -28,7 +28,7 @@ from cellctl.machine import (
 )
 from drivers.errors import DeviceError
 
-ENDING_WITHIN_S = 60.0
+ENDING_WITHIN_S = 25.0  # the service has 30 s to stop
 READY_WITHIN_S = 3.0
 TICK_S = 0.2
 AT_REST = {State.STOPPED, State.ABORTED, State.ABORTING, State.CLEARING}
@@ -180,7 +180,8 @@ class Cell:
                 raise error
             self._fault(error)
         elif self.state is state and state in ACTING and not task.cancelled():
-            self._enter(after(state, SC), self.message)
+            keeps_its_reason = state in ENDING | {State.ABORTING}
+            self._enter(after(state, SC), self.message if keeps_its_reason else f"{state.title} is done")
 
     def _fault(self, error: Exception) -> None:
         """The faults table decides the command; a fault on the way out aborts."""

@@ -75,6 +75,10 @@ class VacuumStuck(CellError):
     """The vacuum switch reports a part where there can be none, or the part does not let go."""
 
 
+class UnitTooSlow(CellError):
+    """A unit was not finished within the time that the recipe gives it."""
+
+
 class RecordLost(CellError):
     """The unit's record could not be written; no unit goes on without its record."""
 
@@ -128,6 +132,7 @@ FAULTS: dict[type[Exception], Fault] = {
     BatteryNotFound: Fault("V2", Reaction.REJECT, "Check cup and lens of camera 2 if it happens again."),
     OffsetTooLarge: Fault("V3", Reaction.REJECT, "Check carrier, table and recipe limits if it happens again."),
     PlacementUncertain: Fault("V4", Reaction.REJECT, "Check lens, light and calibration if it happens again."),
+    UnitTooSlow: Fault("P5", Reaction.HOLD, "Look what held it up, take its battery out of the cell, then Unhold."),
     FormulasDisagree: Fault("X2", Reaction.ABORT, "Software error. Keep the log; do not go on with this version."),
     RecordLost: Fault("R1", Reaction.ABORT, "Make room on the disk or replace it, then restart the service."),
 }

@@ -6,12 +6,13 @@ from collections.abc import Callable
 
 from cellctl.cycle import Job, Unit, assemble
 from cellctl.events import Event, unit_event
-from cellctl.faults import CellError, Reaction, fault_for, sentence
+from cellctl.faults import CellError, Reaction, UnitTooSlow, fault_for, sentence
 from cellctl.hand import COMMAND_WITHIN_S, seeing
 from cellctl.journal import Record, Verdict
 from cellctl.log import StepTime, bound, log, trace
 from drivers.errors import DeviceError
 
+INTERRUPTED = "aborted before it was finished: look for its battery in the cell"
 Publish = Callable[[Event], None]
 
 
@@ -48,13 +49,16 @@ class Production:
                 await self._assemble(unit, steps, began_s)
             finally:
                 if unit.id and not unit.recorded:  # aborted, or a software error: the unit still gets its one record
-                    await asyncio.shield(self._record(unit, Verdict.LOST, "interrupted", steps, began_s))
+                    await asyncio.shield(self._record(unit, Verdict.LOST, INTERRUPTED, steps, began_s))
         await self._job.hand.devices.plc.release(unit.carrier_id, good=unit.good, within_s=COMMAND_WITHIN_S)
 
     async def _assemble(self, unit: Unit, steps: list[StepTime], began_s: float) -> None:
+        within_s = self._job.recipe.timing.unit_within_s
         try:
-            async with asyncio.timeout(self._job.recipe.timing.unit_within_s):
+            async with asyncio.timeout(within_s):
                 await assemble(self._job, unit)
+        except TimeoutError:
+            await self._failed(unit, UnitTooSlow(f"not finished within {within_s:g} s"), steps, began_s)
         except (CellError, DeviceError) as error:
             await self._failed(unit, error, steps, began_s)
         else:
