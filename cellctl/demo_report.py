@@ -103,10 +103,11 @@ def quantiles(values: list[float]) -> dict[str, float | None]:
 
 
 def heading(title: str, units: int) -> str:
-    """Before a run."""
+    """Before a run. Offsets in mm, mm, deg; predicted p99 and true error of the worst corner in um; cycle in s."""
+    pad = " " * len(_place(0, units, ""))
     return (
-        f"\n{title}, {units} units{'':10}battery dX    dY mm  dT deg     base dX    dY mm  dT deg   "
-        "p99 um  true um  cycle s"
+        f"\n{title}, {units} units\n{pad}{'battery dX':>10} {'dY':>6} {'dT':>8}   {'base dX':>8} {'dY':>8} {'dT':>8}   "
+        f"{'p99':>6}   {'true':>6}   {'cycle':>6}"
     )
 
 
@@ -115,7 +116,7 @@ def row_line(run: Run, row: Row) -> str:
     number = len(run.rows)
     verdict = "good" if row.good else ("does not fit" if row.placement_error_mm is not None else row.verdict)
     return (
-        f"[{number:>4}/{run.units}] {row.unit:<18}{_offset(row.found_battery)}   {_offset(row.found_base)}   "
+        f"{_place(number, run.units, row.unit)}{_offset(row.found_battery)}   {_offset(row.found_base)}   "
         f"{_um(row.predicted_mm)}   {_um(row.placement_error_mm)}   {row.cycle_s:6.2f}  {verdict}"
     )
 
@@ -139,6 +140,10 @@ def summary_text(summary: Summary) -> str:
         f"cycle {cycle['p50']} s (median, world time at speed {summary.speed:g}), all in {summary.wall_s:.1f} s"
     )
     return "\n".join(lines)
+
+
+def _place(number: int, units: int, unit: str) -> str:
+    return f"[{number:>4}/{units}] {unit:<16}"
 
 
 def _offset(offset: list[float] | None) -> str:
