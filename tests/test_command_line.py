@@ -326,22 +326,25 @@ def test_the_command_line_never_imports_the_simulators():
 
 
 def cpu_ms(environment: Mapping[str, str], *arguments: str) -> float:
-    """Processor time of one run: what it costs on a machine that does nothing else."""
-    command = [sys.executable, "-m", "cellctl", *arguments]
-    with subprocess.Popen(command, cwd=ROOT, env=environment, stdout=subprocess.DEVNULL) as process:
+    """Processor time of one run of the interpreter."""
+    with subprocess.Popen(
+        [sys.executable, *arguments], cwd=ROOT, env=environment, stdout=subprocess.DEVNULL
+    ) as process:
         _, status, used = os.wait4(process.pid, 0)
         process.returncode = status
     assert status == 0
     return (used.ru_utime + used.ru_stime) * 1000
 
 
-@pytest.mark.parametrize(("arguments", "limit_ms"), [(["--help"], 150), (["recipe", "check", "recipes/x85.toml"], 300)])
-def test_the_command_line_answers_at_once(environment, arguments: list[str], limit_ms: float):
-    cpu_ms(environment, *arguments)  # compiles
-    took_ms = []
-    while not took_ms or (min(took_ms) >= limit_ms and len(took_ms) < 12):
-        took_ms.append(cpu_ms(environment, *arguments))
-    assert min(took_ms) < limit_ms
+@pytest.mark.parametrize(("arguments", "most"), [(["--help"], 11), (["recipe", "check", "recipes/x85.toml"], 23)])
+def test_the_command_line_answers_at_once(environment, arguments: list[str], most: float):
+    """In multiples of a bare interpreter beside it (13 ms on a quiet machine: 150 and 300 ms), however busy it is."""
+    cpu_ms(environment, "-m", "cellctl", *arguments)  # compiles
+    bare_ms, took_ms = [], []
+    while not took_ms or (min(took_ms) >= most * min(bare_ms) and len(took_ms) < 12):
+        bare_ms.append(cpu_ms(environment, "-c", "pass"))
+        took_ms.append(cpu_ms(environment, "-m", "cellctl", *arguments))
+    assert min(took_ms) < most * min(bare_ms)
 
 
 def test_simulate_hands_over_to_the_simulators(environment):
