@@ -7,7 +7,6 @@ from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 PAPER_GOOD = {"both cameras": 100, "camera 2 only": 13}  # of 100, the paper's Table 1
-ALLOWED_MM = 0.040
 
 
 class Row(NamedTuple):

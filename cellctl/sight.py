@@ -3,18 +3,20 @@
 import asyncio
 from collections.abc import Callable, Coroutine
 from dataclasses import dataclass
-from typing import Any
+from functools import partial
+from typing import Any, TypeVar
 
 from cellctl import views
 from cellctl.calibration.plane_map import PlaneMap
-from cellctl.faults import BaseNotFound, BatteryNotFound
+from cellctl.faults import BaseNotFound, BatteryNotFound, CellError
 from cellctl.geometry import Pose
-from cellctl.pictures import Pictures
+from cellctl.pictures import Expected, Pictures
 from cellctl.recipe import Recipe
 from cellctl.vision import BaseMeasurement, BatteryMeasurement, NotFound, find_base, find_battery
 from drivers.camera import Camera, Frame
 from drivers.errors import FrameLost
 
+M = TypeVar("M", BaseMeasurement, BatteryMeasurement)
 GRAB_WITHIN_S = 1.0
 GRABS = 3  # a picture lost on the wire is asked for again while the robot stands
 
@@ -61,12 +63,8 @@ class Sight:
         plane, part = self.plane_1, self.recipe.base
         expected = views.expect_base(plane, part, tool_from_base)
         search, limits = views.search_px(plane, part), views.limits_px(plane, self.recipe)
-        try:
-            seen = await asyncio.to_thread(find_base, frame.pixels, *expected, search, limits)
-        except NotFound as error:
-            picture = self.pictures.keep(name, "camera-1", frame.pixels, None, expected, f"{name} no base: {error}")
-            raise BaseNotFound(f"camera 1: {error}, see {picture}") from error
-        self.pictures.keep(name, "camera-1", frame.pixels, seen, expected, f"{name} base")
+        look = partial(find_base, frame.pixels, *expected, search, limits)
+        seen = await self._found(look, frame, expected, (1, f"{name} base", BaseNotFound), name)
         return seen, views.base_pose(plane, seen)
 
     async def battery(self, frame: Frame, robot_from_battery: Pose, name: str) -> tuple[BatteryMeasurement, Pose]:
@@ -74,10 +72,20 @@ class Sight:
         plane, part = self.plane_2, self.recipe.battery
         expected = views.expect_battery(plane, part, robot_from_battery)
         search, limits = views.search_px(plane, part), views.limits_px(plane, self.recipe)
-        try:
-            seen = await asyncio.to_thread(find_battery, frame.pixels, *expected, search, limits)
-        except NotFound as error:
-            picture = self.pictures.keep(name, "camera-2", frame.pixels, None, expected, f"{name} no battery: {error}")
-            raise BatteryNotFound(f"camera 2: {error}, see {picture}") from error
-        self.pictures.keep(name, "camera-2", frame.pixels, seen, expected, f"{name} battery")
+        look = partial(find_battery, frame.pixels, *expected, search, limits)
+        seen = await self._found(look, frame, expected, (2, f"{name} battery", BatteryNotFound), name)
         return seen, views.battery_pose(plane, part, seen)
+
+    async def _found(
+        self, look: Callable[[], M], frame: Frame, expected: Expected, what: tuple[int, str, type[CellError]], name: str
+    ) -> M:
+        """Measure in a thread and keep the annotated picture, also of what was not found."""
+        camera, caption, missing = what
+        keep = partial(self.pictures.keep, name, f"camera-{camera}", frame.pixels)
+        try:
+            seen = await asyncio.to_thread(look)
+        except NotFound as error:
+            picture = keep(None, expected, f"{caption} not found: {error}")
+            raise missing(f"camera {camera}: {error}, see {picture}") from error
+        keep(seen, expected, caption)
+        return seen

@@ -8,7 +8,6 @@ Nothing here runs by itself: what has happened since the last question is worked
 import math
 import zlib
 from collections.abc import Callable
-from dataclasses import replace
 
 import numpy as np
 
@@ -16,12 +15,12 @@ from simulators.arm import Arm
 from simulators.clock import Clock
 from simulators.conveyor import Conveyor
 from simulators.layout import build_layout
-from simulators.place import Place, turned_about
+from simulators.place import Place
 from simulators.product import Product
 from simulators.suction import Suction
-from simulators.supply import Delivery, Displacement, Scatter, Sizes, Supply
-from simulators.things import PLATE_MIDDLE, Base, Battery, Plate
-from simulators.verdict import Fit, Rectangle, Verdict, fit
+from simulators.supply import Delivery, Displacement, Scatter, Supply
+from simulators.things import PERFECT, PLATE_MIDDLE, Base, Battery, Plate, made_base, made_battery
+from simulators.verdict import Fit, Verdict, fit
 
 TOUCH_MM = 0.6  # the cup's lip gives so much
 FLOOR = "floor"
@@ -221,7 +220,7 @@ class World:
         """A person puts a base to the drawing on the carrier and seats a battery to the drawing in its middle."""
         self._settle()
         self._take(self.held)
-        self.base = self._base_of(Delivery(Displacement(), Displacement(), Sizes()), GOLDEN_CARRIER)
+        self.base = made_base(self.product, self.layout.station, PERFECT, GOLDEN_CARRIER)
         self.seated = self._golden_battery("seat", Place(0.0, 0.0))
         self.on_table = None
         self.conveyor.put()
@@ -275,10 +274,10 @@ class World:
     def _arrive(self) -> None:
         self._carriers += 1
         delivery = self.supply.next()
-        self.base = self._base_of(delivery, self._carriers)
+        self.base = made_base(self.product, self.layout.station, delivery, self._carriers)
         self.seated = None
         if self.on_table is None:
-            self.on_table = self._battery_of(delivery)
+            self.on_table = made_battery(self.product, self.layout.table, delivery)
 
     def _leave(self) -> None:
         if self.base is not None:
@@ -306,28 +305,6 @@ class World:
             self.product.mark,
             self.seated.place,
         )
-
-    def _base_of(self, delivery: Delivery, carrier_id: int) -> Base:
-        station, drawing = self.layout.station, self.product.base
-        centre = station.point(drawing.seat_x_mm, drawing.seat_y_mm)
-        moved = turned_about(centre, delivery.base.dx_mm, delivery.base.dy_mm, delivery.base.dt_deg)
-        seat = Rectangle(
-            drawing.seat_width_mm + delivery.sizes.seat_width_mm,
-            drawing.seat_height_mm + delivery.sizes.seat_height_mm,
-        )
-        made = replace(drawing, seat_width_mm=seat.width_mm, seat_height_mm=seat.height_mm)
-        return Base(moved @ station, delivery, carrier_id, seat, made)
-
-    def _battery_of(self, delivery: Delivery) -> Battery:
-        table, drawing = self.layout.table, self.product.outline
-        size = Rectangle(
-            drawing.width_mm + delivery.sizes.battery_width_mm,
-            drawing.height_mm + delivery.sizes.battery_height_mm,
-        )
-        d = delivery.battery
-        moved = turned_about((table.x_mm, table.y_mm), d.dx_mm, d.dy_mm, d.dt_deg)
-        made = replace(self.product.battery, width_mm=size.width_mm, height_mm=size.height_mm)
-        return Battery(size, made, "table", moved @ table, d)
 
     def _attach_or_let_go(self) -> None:
         now_s = self.clock.now()
