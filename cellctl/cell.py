@@ -7,7 +7,7 @@ Abort cancels whatever runs, and the drivers leave the robot standing.
 
 import asyncio
 import contextlib
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Coroutine
 from typing import Any, Protocol
 
 from cellctl.config import CellConfig
@@ -207,8 +207,9 @@ class Cell:
         log.info(f"state {state.title}", why=why, state_number=int(state))
         self._publish(state_event(state.title, int(state), self.mode.title, why))
 
-    async def _change(self) -> None:
-        await self._changed.wait()
+    def _change(self) -> Coroutine[Any, Any, object]:
+        """The next change counted from this call, not from the first step of whoever awaits it."""
+        return self._changed.wait()
 
     @staticmethod
     async def _ended(task: "asyncio.Future[Any]") -> None:

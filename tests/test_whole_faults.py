@@ -138,6 +138,15 @@ async def test_stop_ends_the_unit_in_progress_first(learnt: Path, tmp_path: Path
         assert not await moved_since(bench)
 
 
+async def test_a_command_given_in_the_very_turn_of_a_state_change_is_acted_on(learnt: Path, tmp_path: Path) -> None:
+    async with whole_cell(tmp_path, learnt=learnt) as bench:
+        await bench.ready()
+        await bench.ask("command", name="stop")
+        while bench.cell.state is not State.STOPPED:
+            await asyncio.sleep(0)
+        await bench.command("reset", State.IDLE)
+
+
 async def test_hold_ends_the_unit_and_unhold_goes_on(learnt: Path, tmp_path: Path) -> None:
     async with whole_cell(tmp_path, learnt=learnt) as bench:
         await bench.ready()
