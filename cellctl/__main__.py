@@ -5,48 +5,14 @@ Nothing but click and the standard library is imported at the top, so that `--he
 
 import os
 import sys
-from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any
 
 import click
 
-if TYPE_CHECKING:
-    from cellctl.config import CellConfig
-
-DEFAULT_CONFIG = "/etc/cellctl/cell.toml"
-FILE = click.Path(path_type=Path)
-EPILOG = """\b
-Exit codes: 0 ok, 1 refused or failed, 2 wrong usage, 69 the daemon is not reachable, 78 a settings file is wrong,
-130 interrupted."""
-
-F = TypeVar("F", bound=Callable[..., Any])
-option = click.option
-
-
-def with_config(command: F) -> F:
-    """The option that every command has which needs the cell's configuration."""
-    text = "The cell's configuration."
-    return option("--config", type=FILE, envvar="CELLCTL_CONFIG", default=DEFAULT_CONFIG, show_default=True, help=text)(
-        command
-    )
-
-
-def with_json(command: F) -> F:
-    """The option for programs that read our output."""
-    return option("--json", "as_json", is_flag=True, help="JSON for programs instead of text for people.")(command)
-
-
-def settings(config: Path) -> "CellConfig":
-    """The cell's configuration. Raises SettingsError."""
-    from cellctl.config import load_config
-
-    return load_config(config)
-
-
-def end(ok: bool | int) -> None:
-    """End with exit code 0 or 1, or with the code that is given."""
-    raise SystemExit(int(not ok) if isinstance(ok, bool) else ok)
+from cellctl.cli.calibrate import calibrate
+from cellctl.cli.options import FILE, ask, end, option, settings, with_config, with_json
+from cellctl.cli.recipe import recipe
 
 
 def print_version(context: click.Context, _parameter: click.Parameter, wanted: bool) -> None:
@@ -60,6 +26,11 @@ def print_version(context: click.Context, _parameter: click.Parameter, wanted: b
     except PackageNotFoundError:
         click.echo("cellctl (from its source tree, not installed)")
     context.exit()
+
+
+EPILOG = """\b
+Exit codes: 0 ok, 1 refused or failed, 2 wrong usage, 69 the daemon is not reachable, 78 a settings file is wrong,
+130 interrupted."""
 
 
 @click.group(epilog=EPILOG, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})
@@ -117,15 +88,6 @@ def simulate(arguments: tuple[str, ...]) -> None:
 
 
 # -- operating ---------------------------------------------------------------------------------------------
-
-
-def ask(config: Path, request: dict[str, object], *, as_json: bool) -> None:
-    """Ask the daemon one thing and print its reply."""
-    import asyncio
-
-    from cellctl.client import call, print_reply
-
-    print_reply(asyncio.run(call(settings(config).paths.control_socket, request)), as_json=as_json)
 
 
 def machine_command(name: str, text: str) -> None:
@@ -193,90 +155,8 @@ def proceed(config: Path, as_json: bool) -> None:
     ask(config, {"verb": "proceed"}, as_json=as_json)
 
 
-def job(config: Path, request: dict[str, object], *, as_json: bool) -> None:
-    """Start a job in the daemon, show its progress, end with its result."""
-    import asyncio
-
-    from cellctl.client import event_printer, wait_for_job
-
-    path = settings(config).paths.control_socket
-    end(asyncio.run(wait_for_job(path, request, event_printer(as_json))))
-
-
-# -- recipes and calibration -------------------------------------------------------------------------------
-
-
-@cli.group()
-def recipe() -> None:
-    """Check, list, choose and teach recipes."""
-
-
-@recipe.command("check")
-@click.argument("files", nargs=-1, required=True, type=FILE)
-@with_json
-def recipe_check(files: tuple[Path, ...], as_json: bool) -> None:
-    """Check recipe files: FILE:LINE:COLUMN: what is wrong."""
-    from cellctl.commands import check_recipes
-
-    end(check_recipes(files, as_json=as_json))
-
-
-@recipe.command("list")
-@with_config
-@with_json
-def recipe_list(config: Path, as_json: bool) -> None:
-    """List the recipes of the cell."""
-    from cellctl.commands import list_folder
-
-    list_folder(settings(config).paths.recipes, as_json=as_json)
-
-
-@recipe.command("use")
-@click.argument("name")
-@with_config
-@with_json
-def recipe_use(name: str, config: Path, as_json: bool) -> None:
-    """Work with the recipe NAME from the next start on."""
-    ask(config, {"verb": "recipe_use", "name": name}, as_json=as_json)
-
-
-@recipe.command("teach")
-@option("--repeats", type=click.IntRange(1, 100), default=5, show_default=True, help="How often it is measured.")
-@with_config
-@with_json
-def recipe_teach(repeats: int, config: Path, as_json: bool) -> None:
-    """Teach the recipe in use with a golden assembly: a base with a battery seated by hand."""
-    job(config, {"verb": "teach", "repeats": repeats}, as_json=as_json)
-
-
-@cli.group()
-def calibrate() -> None:
-    """Find out where the cameras and the tool are, and how well that is known."""
-
-
-def calibration(what: str, text: str) -> None:
-    """Add one calibration to the command line."""
-
-    @calibrate.command(what, help=text)
-    @with_config
-    @with_json
-    def command(config: Path, as_json: bool) -> None:
-        job(config, {"verb": "calibrate", "what": what}, as_json=as_json)
-
-
-calibration("camera-1", "Calibrate the camera on the robot on its dot board.")
-calibration("camera-2", "Calibrate the fixed camera with the dot plate.")
-calibration("tool", "Find the centre of the tool.")
-
-
-@calibrate.command("report")
-@with_config
-@with_json
-def calibrate_report(config: Path, as_json: bool) -> None:
-    """Show the calibrations in use and how good they are."""
-    from cellctl.check import report
-
-    end(report(config, as_json=as_json))
+cli.add_command(recipe)
+cli.add_command(calibrate)
 
 
 # -- looking back ------------------------------------------------------------------------------------------

@@ -1,0 +1,1 @@
+"""The groups of commands, one module each; `cellctl/__main__.py` puts them together."""
