@@ -1,17 +1,23 @@
 # Everything sets itself up: a virtual environment from the locked requirements, and the Debian packages named here.
 PYTHON ?= python3
 VENV := .venv
+PEERS := build/peers-venv
 STAMP := $(VENV)/.installed
 PACKAGES := libaravis-0.8-0
 COMPILE := --quiet --universal --python-version 3.11 --generate-hashes --no-annotate --no-header
 
-.PHONY: help demo test lint format lock clean bench-vision bench-geometry-signs
+.PHONY: help demo test lint format lock clean bench-budget bench-recipe bench-calibration bench-teaching bench-vision bench-geometry-signs fuzz-robot
 
 help:
 	@echo "make demo          the whole cell on simulators, live in this terminal (options: DEMO='--speed 1 --units 20')"
 	@echo "make test          lint, types, import rules, tests"
-	@echo "make bench-vision  noise, bias and time of the finders"
+	@echo "make bench-vision  noise, bias, honesty, refusals and time of the finders beside free peers (BENCH=--help)"
+	@echo "make bench-budget  predicted against true placement errors over 10,000 units; the gap seen after placing"
+	@echo "make bench-recipe  features recognised in pictures without knowing anything; the watch over focus and light"
+	@echo "make bench-calibration  hand-eye against truth, OpenCV and a real arm; lenses (CELLS=20: shorter)"
+	@echo "make bench-teaching  golden assembly, verification, hysteresis and run-out against the simulated truth"
 	@echo "make bench-geometry-signs  a sign error planted in every term of geometry.py: the whole-cell tests notice each"
+	@echo "make fuzz-robot    a million broken inputs at both simulated robot controllers"
 	@echo "make format        format the code"
 	@echo "make lock          renew deploy/requirements.lock and tests/requirements.lock from pyproject.toml"
 	@echo "make clean         remove the virtual environment and everything built"
@@ -31,8 +37,29 @@ lint: $(STAMP)
 bench-geometry-signs: $(STAMP) packages
 	$(VENV)/bin/python -m tests.benchmarks.mutate_geometry
 
-bench-vision: $(STAMP)
-	$(VENV)/bin/python -m tests.benchmarks.bench_vision
+bench-budget: $(STAMP)
+	$(VENV)/bin/python -m tests.benchmarks.bench_budget
+	$(VENV)/bin/python -m tests.benchmarks.bench_gap
+
+bench-recipe: $(STAMP)
+	$(VENV)/bin/python -m tests.benchmarks.bench_recipe
+
+bench-calibration: $(STAMP)
+	$(VENV)/bin/python -m tests.benchmarks.bench_calibration $(CELLS)
+
+bench-teaching: $(STAMP) packages
+	$(VENV)/bin/python -m tests.benchmarks.bench_teaching
+
+bench-vision: $(PEERS)/.installed
+	$(PEERS)/bin/python -m tests.benchmarks.bench_vision $(BENCH)
+
+$(PEERS)/.installed: tests/benchmarks/vision/requirements.txt
+	$(PYTHON) -m venv --clear $(PEERS)
+	$(PEERS)/bin/pip install --quiet --disable-pip-version-check -r $<
+	@touch $@
+
+fuzz-robot: $(STAMP)
+	$(VENV)/bin/python -m tests.benchmarks.fuzz_robot
 
 format: $(STAMP)
 	$(VENV)/bin/ruff check --fix-only .

@@ -11,8 +11,11 @@ from typing import Any
 import click
 
 from cellctl.cli.calibrate import calibrate
+from cellctl.cli.drift import drift
 from cellctl.cli.options import FILE, ask, end, option, settings, with_config, with_json
 from cellctl.cli.recipe import recipe
+from cellctl.cli.teach import teach
+from cellctl.cli.vision import vision
 
 
 def print_version(context: click.Context, _parameter: click.Parameter, wanted: bool) -> None:
@@ -157,6 +160,9 @@ def proceed(config: Path, as_json: bool) -> None:
 
 cli.add_command(recipe)
 cli.add_command(calibrate)
+cli.add_command(teach)
+cli.add_command(drift)
+cli.add_command(vision)
 
 
 # -- looking back ------------------------------------------------------------------------------------------

@@ -8,9 +8,11 @@ Abort cancels whatever runs, and the drivers leave the robot standing.
 import asyncio
 import contextlib
 from collections.abc import Awaitable, Callable, Coroutine
+from functools import partial
 from typing import Any, Protocol
 
 from cellctl.config import CellConfig
+from cellctl.doubts import raise_doubt
 from cellctl.events import Event, state_event
 from cellctl.faults import CellError, NotReady, Reaction, SafetyLost, fault_for, sentence
 from cellctl.hand import COMMAND_WITHIN_S, Devices, lift_free
@@ -26,7 +28,7 @@ from cellctl.machine import (
     commands_allowed,
     mode_after,
 )
-from drivers.errors import DeviceError
+from drivers.errors import Collision, DeviceError
 
 ENDING_WITHIN_S = 25.0  # the service has 30 s to stop
 READY_WITHIN_S = 3.0
@@ -67,6 +69,7 @@ class Cell:
         self._work: Work | None = None
         self._task: asyncio.Task[None] | None = None
         self._changed = asyncio.Event()
+        self._doubt: tuple[str, bool] | None = None  # why the calibrations are to be verified, and whether they must be
         self._acts: dict[State, Callable[[], Awaitable[None]]] = {
             State.CLEARING: self._clear,
             State.RESETTING: self._reset,
@@ -132,6 +135,8 @@ class Cell:
             self._enter(State.STOPPED, "devices checked")
         else:
             self._enter(State.ABORTED, "the last run did not end cleanly: look into the cell, then clear and reset")
+            self._doubt = ("the last run did not end cleanly, perhaps in motion", False)
+            await self._raise_doubt()
 
     async def run(self) -> None:
         """Act on the states, for ever."""
@@ -187,6 +192,8 @@ class Cell:
         """The faults table decides the command; a fault on the way out aborts."""
         if fault_for(error).code == "X1":
             log.error("software error", exc_info=error)
+        if isinstance(error, Collision):
+            self._doubt = (str(error), True)
         command = REACTIONS.get(fault_for(error).reaction, Command.ABORT)
         if command not in commands_allowed(self.state):
             command = Command.ABORT
@@ -201,6 +208,8 @@ class Cell:
         self._enter(state, text)
 
     def _enter(self, state: State, why: str) -> None:
+        if state is State.ABORTING and self._doubt is None and self._moves():
+            self._doubt = (f"aborted in motion: {why}", False)
         self.state, self.message = state, why
         self._changed.set()
         self._changed = asyncio.Event()
@@ -270,6 +279,19 @@ class Cell:
             await self.devices.robot.halt()
         with contextlib.suppress(DeviceError):
             await self.devices.plc.stop_conveyor(within_s=COMMAND_WITHIN_S)
+        await self._raise_doubt()
+
+    def _moves(self) -> bool:
+        """The arm is on its way for us, or was when something stopped it."""
+        return self.devices.robot.unfinished and (self._task is not None or self.state in ACTING)
+
+    async def _raise_doubt(self) -> None:
+        """Calibrations made before a collision or a broken motion are to be verified."""
+        doubt, self._doubt = self._doubt, None
+        if doubt is not None:
+            why, grave = doubt
+            await asyncio.to_thread(partial(raise_doubt, self.config.paths.state, why, grave=grave))
+            log.warning(f"the calibrations are to be verified: {why}; `cellctl calibrate verify camera-1`, camera-2")
 
     async def _cancel_work(self) -> None:
         """Work that is still running is cancelled; why it ended is in the log."""

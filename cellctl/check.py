@@ -1,4 +1,4 @@
-"""Self test: settings, folders, calibrations and devices, one line each. Nothing moves."""
+"""Self test: settings, folders, calibrations, golden assemblies and devices, one line each. Nothing moves."""
 
 import asyncio
 import contextlib
@@ -10,18 +10,21 @@ from typing import NamedTuple
 
 import click
 
+from cellctl.calibrations import caution, read_calibration
 from cellctl.config import CellConfig, load_config
 from cellctl.daemon import build_devices
+from cellctl.doubts import temperature_now
 from cellctl.faults import CellError, NotCalibrated, NotReady
 from cellctl.hand import Devices
-from cellctl.recipe import list_recipes, load_recipe
-from cellctl.references import CameraCalibration, Eye, read_calibration
+from cellctl.recipe import Recipe, list_recipes, load_recipe
+from cellctl.references import CAMERAS
+from cellctl.stops import out_of_reach
 from cellctl.strict_toml import SettingsError
+from cellctl.taught import taught_in_use
 from drivers.camera import Camera
 from drivers.errors import DeviceError
 
 READY_WITHIN_S = 3.0
-CAMERAS: tuple[Eye, Eye] = ("camera-1", "camera-2")
 
 
 class Finding(NamedTuple):
@@ -35,7 +38,7 @@ class Finding(NamedTuple):
 async def check(config_path: Path, *, as_json: bool, offline: bool = False) -> int:
     """Print what was found; 0 when the cell may start. Raises SettingsError for a wrong cell.toml."""
     config = load_config(config_path)
-    findings = [*_recipes(config), *_folders(config), *_calibrations(config)]
+    findings = [*_recipes(config), *_folders(config), *_calibrations(config), _temperature(config)]
     if not offline:
         findings += await _devices(config)
     for finding in findings:
@@ -53,7 +56,8 @@ def _recipes(config: CellConfig) -> list[Finding]:
     for name in list_recipes(config.paths.recipes):
         try:
             recipe = load_recipe(config.paths.recipes, name)
-            findings.append(Finding("recipe", True, f"{name}: {recipe.description}"))
+            findings += [Finding("recipe", True, f"{name}: {recipe.description}"), _taught(config, name, recipe)]
+            findings += [Finding("recipe", False, f"{name}: {text}") for text in out_of_reach(config, recipe)]
         except SettingsError as error:
             findings += [Finding("recipe", False, line) for line in error.lines]
     return findings
@@ -73,24 +77,34 @@ def _calibrations(config: CellConfig) -> list[Finding]:
     for camera in CAMERAS:
         try:
             found = read_calibration(config, camera)
-            text = f"{camera}: {found.made_at:%Y-%m-%d %H:%M} UTC, hold-out {found.hold_out_um:.1f} um"
+            text = f"{camera}: {found.id} of {found.made}, hold-out {found.hold_out_um:.1f} um"
             findings.append(Finding("calibration", True, text))
+            if noted := caution(config, found):
+                findings.append(Finding("calibration", None, noted))
         except NotCalibrated as error:
             findings.append(Finding("calibration", None, str(error)))
     return findings
 
 
-def report(config_path: Path, *, as_json: bool) -> int:
-    """Print the calibrations in force with their reports; 0 when both may be used. Raises SettingsError."""
-    config = load_config(config_path)
-    findings = _calibrations(config)
-    for finding in findings:
-        click.echo(json.dumps(finding._asdict()) if as_json else _line(finding))
-    for camera in CAMERAS if not as_json else ():
-        path = CameraCalibration.path(config.paths.state, camera).with_suffix(".txt")
-        with contextlib.suppress(OSError):
-            click.echo(f"\n{camera}, picture: {path.with_suffix('.png')}\n{path.read_text(encoding='utf-8').rstrip()}")
-    return 0 if all(finding.ok for finding in findings) else 1
+def _taught(config: CellConfig, name: str, recipe: Recipe) -> Finding:
+    try:
+        taught = taught_in_use(config, recipe)
+    except NotCalibrated as error:
+        return Finding("taught", None, f"{name}: {error}")
+    known = f"known to {taught.uncertainty_mm * 1000:.1f} um {taught.uncertainty_deg * 1000:.1f} mdeg"
+    return Finding("taught", True, f"{name}: {taught.id} of {taught.made}, {known}")
+
+
+def _temperature(config: CellConfig) -> Finding:
+    valid_h = config.calibration.temperature_valid_h
+    try:
+        entered_c = temperature_now(config.paths.state, valid_h)
+    except NotCalibrated as error:
+        return Finding("temperature", None, str(error))
+    if entered_c is None:
+        unknown = f"none was entered within {valid_h:g} h, so its change since calibrating is not checked"
+        return Finding("temperature", None, f"{unknown}: `cellctl calibrate temperature CELSIUS`")
+    return Finding("temperature", True, f"{entered_c:g} C")
 
 
 async def _devices(config: CellConfig) -> list[Finding]:
@@ -136,6 +150,7 @@ async def _robot(devices: Devices) -> str:
     await devices.robot.open()
     status, here = await devices.robot.status(), await devices.robot.here()
     place = f"at X {here.x_mm:.3f} Y {here.y_mm:.3f} Z {here.z_mm:.3f} mm R {here.r_deg:.3f} deg"
+    place += f", controller {await devices.robot.identity()}"
     return place if status.ready else f"{place}; not ready yet: {status.why_not_ready}"
 
 

@@ -104,6 +104,8 @@ async def _line(path: Path, reader: asyncio.StreamReader) -> Reply:
 OVER = {"Complete": True, "Stopped": False, "Aborted": False}
 """The states in which a production run is over, and whether that is what was asked for."""
 
+JOB_OVER = {**OVER, "Held": False}  # a job that is held before it has begun has not gone well
+
 Show = Callable[[Reply], None]
 
 
@@ -119,8 +121,8 @@ async def wait_for_job(path: Path, request: Mapping[str, object], show: Show) ->
             show(event)
             if event["event"] == "job" and event["job"] == request["verb"]:
                 return bool(event["ok"])
-            if event["event"] == "state" and event["state"] in OVER:
-                return OVER[event["state"]]
+            if event["event"] == "state" and event["state"] in JOB_OVER:
+                return JOB_OVER[event["state"]]
     raise NotReachable("the daemon ended before the job did")
 
 

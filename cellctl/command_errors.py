@@ -41,6 +41,8 @@ def _code(error: Exception) -> int | None:
     from cellctl.client import NotReachable, RequestFailed
     from cellctl.control_errors import ControlError
     from cellctl.faults import CellError
+    from cellctl.picture_files import PictureError
+    from cellctl.recipe_values import CannotTeach
     from cellctl.strict_toml import SettingsError
     from cellctl.tail import NoLog
     from drivers.errors import DeviceError
@@ -49,6 +51,6 @@ def _code(error: Exception) -> int | None:
         return WRONG_SETTINGS
     if isinstance(error, NotReachable):
         return NOT_REACHABLE
-    if isinstance(error, RequestFailed | ControlError | CellError | DeviceError | NoLog):
+    if isinstance(error, RequestFailed | ControlError | CellError | DeviceError | NoLog | PictureError | CannotTeach):
         return REFUSED
     return None

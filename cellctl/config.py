@@ -13,6 +13,9 @@ from typing import Annotated, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field, ValidationInfo
 
+from cellctl.geometry import Mm
+from cellctl.keep_out import Area
+from cellctl.mount import Elbow, Mount, OutOfReach, Part
 from cellctl.strict_toml import Contradiction, Settings, load
 from drivers.link import TcpAddress, parse_address
 
@@ -85,10 +88,33 @@ class PlcConfig(Settings):
     exchange: Literal["fc23", "fc3+fc16"] = Field(description="fc3+fc16 for a PLC that lacks function code 23")
 
 
+class KeepOut(Settings):
+    """A rectangle of the robot frame that neither arms nor tool may enter on the way through calibration poses."""
+
+    name: str = Field(min_length=1, max_length=60, description="What stands there")
+    x_min_mm: PlaneMm = Field(description="Smallest X in mm, half the arm's width included")
+    x_max_mm: PlaneMm = Field(description="Largest X in mm")
+    y_min_mm: PlaneMm = Field(description="Smallest Y in mm")
+    y_max_mm: PlaneMm = Field(description="Largest Y in mm")
+
+    def contradictions(self) -> Iterator[Contradiction]:
+        """Limits are in order."""
+        for axis in "xy":
+            high = getattr(self, f"{axis}_max_mm")
+            if getattr(self, f"{axis}_min_mm") >= high:
+                yield f"{axis}_min_mm", f"must be below {axis}_max_mm = {high:g}"
+
+    @property
+    def area(self) -> Area:
+        """The same without its settings."""
+        return Area(self.name, self.x_min_mm, self.x_max_mm, self.y_min_mm, self.y_max_mm)
+
+
 class RobotConfig(Settings):
     """The robot and what it can reach."""
 
     address: Annotated[str, AfterValidator(_link)] = Field(description="tcp://IPV4:PORT or serial:/dev/NAME")
+    serial: Serial = Field(description="Serial number of the robot, as on its label; another arm is calibrated anew")
     hand: Literal["righty", "lefty"] = Field(description="Hand system that the cell works in")
     arm_1_mm: float = Field(ge=50, le=1000, description="Length of the first arm in mm")
     arm_2_mm: float = Field(ge=50, le=1000, description="Length of the second arm in mm")
@@ -100,6 +126,7 @@ class RobotConfig(Settings):
     r_max_deg: float = Field(ge=0, le=720, description="Soft limit of R in degrees")
     repeatability_mm: float = Field(gt=0, le=1, description="Repeatability in X and Y, 3 sigma, in mm")
     repeatability_deg: float = Field(gt=0, le=1, description="Repeatability in R, 3 sigma, in degrees")
+    keep_out: list[KeepOut] = Field(default_factory=list, description="Areas where the robot must not calibrate")
 
     def contradictions(self) -> Iterator[Contradiction]:
         """Limits are in order, and the reach is one that these arms can have."""
@@ -125,23 +152,26 @@ class CameraConfig(Settings):
     mm_per_px: float = Field(ge=0.0005, le=0.2, description="Nominal size of a pixel on the part in mm")
     view_width_px: int = Field(ge=64, le=20000, description="Width of the picture in px")
     view_height_px: int = Field(ge=64, le=20000, description="Height of the picture in px")
+    lens: Literal["telecentric", "pinhole"] = Field(
+        default="telecentric", description="Model of the lens: telecentric, or pinhole for an ordinary one"
+    )
 
 
-class ToolCameraConfig(CameraConfig):
+class RobotCameraConfig(CameraConfig):
     """Camera 1, which travels with the robot."""
 
-    mount: Literal["tool"] = Field(description="Where camera 1 sits: on the tool (turns with R)")
+    mount: Part = Field(description="What carries camera 1: the tool (turns with R) or the second arm, arm_2")
 
 
 class PointXy(Settings):
-    """A point in the plane of the robot frame, or of the tool frame where the key says so."""
+    """A point in the plane of the robot frame, or of another frame where the key says so."""
 
     x_mm: PlaneMm = Field(description="X in mm")
     y_mm: PlaneMm = Field(description="Y in mm")
 
 
 class PlaceXyt(PointXy):
-    """A point and a direction in the robot frame."""
+    """A point and a direction."""
 
     t_deg: TurnDeg = Field(description="Direction in degrees, counter-clockwise from above")
 
@@ -151,7 +181,10 @@ class Positions(Settings):
 
     safe_z_mm: HeightMm = Field(description="Robot Z of all travel (positive down)")
     station: PlaceXyt = Field(description="Base frame of a base that lies as drawn")
-    tool_from_camera_1: PointXy = Field(description="Axis of camera 1 in the tool frame")
+    mount_from_camera_1: PlaceXyt = Field(
+        description="Axis and picture's u direction of camera 1 in the frame of its mount: origin on the tool's axis, "
+        "x along the second arm (arm_2) or along the tool at R = 0"
+    )
     camera_1_z_mm: HeightMm = Field(description="Robot Z at which camera 1 is in focus")
     camera_2: PointXy = Field(description="Axis of camera 2 in the robot frame")
     camera_2_z_mm: HeightMm = Field(description="Robot Z at which a held battery is in focus of camera 2")
@@ -191,8 +224,28 @@ class CalibrationConfig(Settings):
 
     poses: int = Field(ge=6, le=200, description="Robot poses per camera")
     rotation_deg: float = Field(ge=5, le=170, description="Poses turn R by up to so much to either side, degrees")
+    height_span_mm: float = Field(
+        ge=0,
+        le=4,
+        description="Pictures cover so much of robot Z about focus, so that a tilt shows; 0 = one Z",
+    )
     max_age_days: float = Field(gt=0, le=3650, description="An older calibration is refused")
     max_hold_out_um: float = Field(gt=0, le=1000, description="Largest error at poses left out of the fit, in um")
+    max_rms_px: float = Field(gt=0, le=2, description="Largest residual of the dots, rms in px")
+    max_absolute_um: float = Field(gt=0, le=1000, description="Largest predicted absolute error, 1 sigma in um")
+    max_differential_um: float = Field(
+        gt=0, le=100, description="Largest predicted error of differences, 1 sigma in um"
+    )
+    max_robot_factor: float = Field(ge=1, le=10, description="Largest scatter of the robot over its repeatability")
+    max_tool_centre_um: float = Field(gt=0, le=1000, description="Tool's rotation centre, by turning against by map")
+    max_verify_um: float = Field(gt=0, le=1000, description="A verified camera may have moved a part by so much, in um")
+    max_temperature_change_k: float = Field(
+        gt=0, le=50, description="Change since the calibration that is allowed, in K"
+    )
+    temperature_valid_h: float = Field(gt=0, le=168, description="An entered temperature is believed for so many hours")
+    after_abort: Literal["warn", "verify"] = Field(
+        description="After an abort in motion: say that the calibrations are to be verified, or insist on it"
+    )
 
 
 class WatchdogConfig(Settings):
@@ -219,7 +272,7 @@ class CellConfig(Settings):
     paths: Paths
     plc: PlcConfig
     robot: RobotConfig
-    camera_1: ToolCameraConfig
+    camera_1: RobotCameraConfig
     camera_2: CameraConfig
     positions: Positions
     board: Board
@@ -243,25 +296,47 @@ class CellConfig(Settings):
         for camera in ("camera_1", "camera_2"):
             yield from self._board_leaves_view(camera)
 
+    @property
+    def mount_1(self) -> Mount:
+        """What carries camera 1."""
+        robot = self.robot
+        return Mount(self.camera_1.mount, robot.arm_1_mm, robot.arm_2_mm, robot.hand)
+
     def _out_of_reach(self) -> Iterator[Contradiction]:
         robot, at = self.robot, self.positions
-        camera = at.tool_from_camera_1
-        tool_at = {
-            "station": (at.station.x_mm - camera.x_mm, at.station.y_mm - camera.y_mm),
-            "board": (at.board.x_mm - camera.x_mm, at.board.y_mm - camera.y_mm),
-            **{key: (getattr(at, key).x_mm, getattr(at, key).y_mm) for key in ("camera_2", "table", "nest", "reject")},
-        }
-        for key, (x_mm, y_mm) in tool_at.items():
-            if not robot.reaches(x_mm, y_mm):
-                span = f"{robot.reach_inner_mm:g} to {robot.reach_outer_mm:g} mm"
-                far = math.hypot(x_mm, y_mm)
-                yield (
-                    f"positions.{key}",
-                    f"the tool would be {far:.1f} mm from the first axis, the robot reaches {span}",
-                )
+        for key in ("station", "board"):
+            yield from self._camera_1_over(key)
+        for key in ("camera_2", "table", "nest", "reject"):
+            yield from self._tool_at(key, getattr(at, key).x_mm, getattr(at, key).y_mm)
+        if self.camera_1.mount == "arm_2" and at.camera_1_z_mm != at.safe_z_mm:
+            yield (
+                "positions.camera_1_z_mm",
+                f"camera 1 on the second arm needs no own Z: use safe_z_mm = {at.safe_z_mm:g}",
+            )
         for key in ("safe_z_mm", "camera_1_z_mm", "camera_2_z_mm", "nest_z_mm", "reject_z_mm"):
             if not robot.z_min_mm <= getattr(at, key) <= robot.z_max_mm:
                 yield f"positions.{key}", f"the robot's Z goes from {robot.z_min_mm:g} to {robot.z_max_mm:g} mm"
+
+    def _camera_1_over(self, key: str) -> Iterator[Contradiction]:
+        """On the second arm it must come over its board with the elbow on either side: nothing else turns it."""
+        at, axis = getattr(self.positions, key), self.positions.mount_from_camera_1
+        both: tuple[Elbow, ...] = ("righty", "lefty")
+        for elbow in both if (self.camera_1.mount, key) == ("arm_2", "board") else (self.robot.hand,):
+            try:
+                tool = self.mount_1.tool_showing(Mm(at.x_mm, at.y_mm), Mm(axis.x_mm, axis.y_mm), 0.0, elbow)
+            except OutOfReach as error:
+                yield f"positions.{key}", str(error)
+                return
+            yield from self._tool_at(key, tool.x_mm, tool.y_mm)
+
+    def _tool_at(self, key: str, x_mm: float, y_mm: float) -> Iterator[Contradiction]:
+        if not self.robot.reaches(x_mm, y_mm):
+            span = f"{self.robot.reach_inner_mm:g} to {self.robot.reach_outer_mm:g} mm"
+            far_mm = math.hypot(x_mm, y_mm)
+            yield (
+                f"positions.{key}",
+                f"the tool would be {far_mm:.1f} mm from the first axis, the robot reaches {span}",
+            )
 
     def _board_leaves_view(self, name: str) -> Iterator[Contradiction]:
         camera: CameraConfig = getattr(self, name)

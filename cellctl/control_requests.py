@@ -10,6 +10,7 @@ from cellctl.machine import Command, Mode
 VERSION = 1
 MAX_LINE = 64 * 1024
 LONGEST_SENTENCE = 300
+Camera = Literal["camera-1", "camera-2"]
 
 
 class BadRequest(Exception):
@@ -67,11 +68,48 @@ class CalibrateRequest(_Request):
     what: Literal["camera-1", "camera-2", "tool"]
 
 
+class VerifyRequest(_Request):
+    """Find out whether a calibration still holds; a job that reports through `watch`."""
+
+    verb: Literal["verify"]
+    camera: Camera
+
+
+class HysteresisRequest(_Request):
+    """Find out how stops differ with the side they are approached from; a job that reports through `watch`."""
+
+    verb: Literal["hysteresis"]
+    repeats: Annotated[int, Field(ge=2, le=50)]
+
+
+class CalibrationUseRequest(_Request):
+    """Use another version of a calibration from the next start on: a waiting candidate, an earlier version."""
+
+    verb: Literal["calibration_use"]
+    camera: Camera
+    what: Literal["accept", "revert"]
+    calibration: Annotated[str, Field(pattern=r"^[0-9a-f]{12}$")] | None  # its id; None = the newest that waits
+
+
+class TemperatureRequest(_Request):
+    """The temperature at the robot, as a person has read it."""
+
+    verb: Literal["temperature"]
+    celsius: Annotated[float, Field(ge=-20, le=60)]
+
+
 class TeachRequest(_Request):
-    """Teach the recipe in use with a golden assembly; a job that reports through `watch`."""
+    """Teach the recipe in use with golden assemblies; a job that reports through `watch`."""
 
     verb: Literal["teach"]
     repeats: Annotated[int, Field(ge=1, le=100)]
+    pairs: Annotated[int, Field(ge=1, le=20)]
+
+
+class DriftAnewRequest(_Request):
+    """Forget what was found about the drift of the recipe in use, and its correction."""
+
+    verb: Literal["drift_anew"]
 
 
 class ProceedRequest(_Request):
@@ -99,7 +137,12 @@ Request = (
     | ModeRequest
     | RecipeUseRequest
     | CalibrateRequest
+    | VerifyRequest
+    | HysteresisRequest
+    | CalibrationUseRequest
+    | TemperatureRequest
     | TeachRequest
+    | DriftAnewRequest
     | ProceedRequest
     | UnitsLeftRequest
 )

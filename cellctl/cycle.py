@@ -4,72 +4,35 @@ Read `assemble` first; every function below it is one of its lines. Nothing here
 an operator. An exception ends the cycle, and faults.py says what follows.
 
 Both pictures are transferred and measured beside the motion, from the end of their exposure on: camera 1's while the
-robot fetches the battery, camera 2's while the arm already travels to the seat. The vacuum is checked at five points,
-numbered 1 to 5 where they stand.
+robot fetches the battery, camera 2's while the arm already travels to the seat. Where the budget asks for a second
+look, it is part of step 3 or 5. The vacuum is checked at five points, numbered 1 to 5 where they stand.
+
+What a recipe may add to the six steps is a look at the battery in its seat, on the way back: gap.py.
 """
 
 import asyncio
 import time
-from collections.abc import AsyncIterator, Coroutine
-from contextlib import asynccontextmanager
-from dataclasses import dataclass, field
+from collections.abc import AsyncIterator, Coroutine, Iterator
+from contextlib import asynccontextmanager, contextmanager
 from functools import partial
 from typing import Any
 
-from cellctl import views
-from cellctl.config import CellConfig
+from cellctl.budget import Located
 from cellctl.faults import (
     BaseNotFound,
     BatteryLost,
-    FormulasDisagree,
     NoParts,
     OffsetTooLarge,
     PlacementUncertain,
     VacuumStuck,
 )
-from cellctl.geometry import Mm, Offset, Pose, disagreement_mm, offset_about, place_pose
-from cellctl.hand import Hand
-from cellctl.journal import Journal
+from cellctl.gap import check_gap
+from cellctl.geometry import Pose, place_pose
+from cellctl.locate import as_text, locate_base, locate_base_again, locate_battery, locate_battery_again
 from cellctl.log import bind, step
-from cellctl.placement import Prediction, Source, predict
-from cellctl.recipe import Recipe
-from cellctl.references import CameraCalibration, Taught
-from cellctl.sight import Sight, exposed
-from cellctl.vision import BaseMeasurement, BatteryMeasurement
+from cellctl.sight import exposed, never_outliving
+from cellctl.unit import Job, Unit
 from drivers.errors import FrameLost, NoAnswer, Refused
-
-SAME_MM = 1e-6
-
-
-@dataclass(frozen=True)
-class Job:
-    """All that decides how a unit is assembled; it does not change while the unit lives."""
-
-    config: CellConfig
-    name: str
-    recipe: Recipe
-    calibrations: tuple[CameraCalibration, CameraCalibration]
-    taught: Taught
-    hand: Hand
-    sight: Sight
-    journal: Journal
-
-
-@dataclass
-class Unit:
-    """What is found out about one unit on its way."""
-
-    id: str = ""  # given when its base has arrived
-    carrier_id: int = 0
-    good: bool = False
-    recorded: bool = False
-    base: Offset | None = None
-    battery: Offset | None = None
-    seen_base: BaseMeasurement | None = None
-    seen_battery: BatteryMeasurement | None = None
-    prediction: Prediction | None = None
-    placed_at: Pose | None = None
-    waited_for_vision_ms: dict[str, float] = field(default_factory=dict)
 
 
 async def assemble(job: Job, unit: Unit) -> None:
@@ -90,6 +53,7 @@ async def assemble(job: Job, unit: Unit) -> None:
             with step(6, "place battery") as line:
                 await place_battery(job, unit, base.result(), battery)
                 line.text = f"battery {as_text(unit.battery)}"
+            await check_gap(job, unit, base.result().pose)
 
 
 # -- steps 1 and 2: parts ----------------------------------------------------------------------------------
@@ -128,73 +92,48 @@ def check_parts(job: Job) -> None:
 # -- steps 3 and 5: pictures -------------------------------------------------------------------------------
 
 
-async def look_at_base(job: Job, unit: Unit) -> asyncio.Task[Pose]:
-    """Camera 1, travelling with the tool, over the base; measured while the arm moves on."""
+async def look_at_base(job: Job, unit: Unit) -> asyncio.Task[Located]:
+    """Camera 1 over the base, and again over its edge further on if one look cannot be enough."""
     await job.hand.stop_at(job.taught.look_1, job.config.positions.camera_1_z_mm)
-    return await exposed(partial(locate_base, job, unit))
+    first = await exposed(partial(locate_base, job, unit))
+    if not job.budget.needs.base_again:
+        return first
+    async with never_outliving(first):
+        return await look_again_at_base(job, unit, first)
 
 
-async def look_at_battery(job: Job, unit: Unit) -> asyncio.Task[Pose]:
-    """The battery on the cup, over camera 2; measured while the arm moves on."""
+async def look_again_at_base(job: Job, unit: Unit, first: asyncio.Task[Located]) -> asyncio.Task[Located]:
+    """Camera 1 over the second stretch of the base's edge."""
+    with looking_again(unit, "camera-1"):
+        await job.hand.stop_at(job.budget.second_edge.stop, job.config.positions.camera_1_z_mm)
+        base = await wait_for_vision(unit, "camera-1", first)
+        return await exposed(partial(locate_base_again, job, unit, base))
+
+
+async def look_at_battery(job: Job, unit: Unit) -> asyncio.Task[Located]:
+    """The battery on the cup over camera 2, and again with its opposite corner if one look cannot be enough."""
     await job.hand.stop_at(job.taught.look_2, job.config.positions.camera_2_z_mm)
     job.hand.expect_vacuum(True, 3, BatteryLost, "over camera 2")
-    return await exposed(partial(locate_battery, job, unit))
+    first = await exposed(partial(locate_battery, job, unit))
+    if not job.budget.needs.battery_again:
+        return first
+    async with never_outliving(first):
+        return await look_again_at_battery(job, unit, first)
 
 
-async def locate_base(job: Job, unit: Unit, over: asyncio.Event) -> Pose:
-    """robot_from_base out of camera 1's picture."""
-    taught, seat, limits = job.taught, job.recipe.base, job.recipe.limits
-    frame = await job.hand.devices.camera_1.grab(exposed=over)
-    unit.seen_base, tool_from_base = await job.sight.base(
-        frame, taught.look_1.inverse() @ taught.robot_from_base, unit.id
-    )
-    robot_from_base = taught.look_1 @ tool_from_base
-    centre = taught.robot_from_base.point(seat.seat_x_mm, seat.seat_y_mm)
-    unit.base = checked_offset("base", centre, taught.robot_from_base, robot_from_base)
-    check_offset("base", unit.base, limits.base_offset_mm, limits.base_offset_deg)
-    return robot_from_base
-
-
-async def locate_battery(job: Job, unit: Unit, over: asyncio.Event) -> Pose:
-    """tool_from_battery out of camera 2's picture."""
-    taught, limits = job.taught, job.recipe.limits
-    frame = await job.hand.devices.camera_2.grab(exposed=over)
-    unit.seen_battery, robot_from_battery = await job.sight.battery(
-        frame, taught.look_2 @ taught.tool_from_battery, unit.id
-    )
-    tool_from_battery = taught.look_2.inverse() @ robot_from_battery
-    on_table = taught.robot_from_battery_on_table
-    centre = Mm(on_table.x_mm, on_table.y_mm)
-    unit.battery = checked_offset("battery", centre, on_table, taught.table_pick @ tool_from_battery)
-    check_offset("battery", unit.battery, limits.battery_offset_mm, limits.battery_offset_deg)
-    return tool_from_battery
-
-
-def checked_offset(part: str, centre: Mm, taught: Pose, found: Pose) -> Offset:
-    """The offset about the rotation centre, computed as poses and proven by eq. 12-16."""
-    away_mm = disagreement_mm(centre, taught, found)
-    if not away_mm < SAME_MM:
-        raise FormulasDisagree(f"{part}: the pose form and eq. 12-16 differ by {away_mm:g} mm")
-    return offset_about(centre, taught, found)
-
-
-def check_offset(part: str, offset: Offset, limit_mm: float, limit_deg: float) -> None:
-    """Refuse what lies further from its taught place than the recipe allows."""
-    if max(abs(offset.dx_mm), abs(offset.dy_mm)) > limit_mm or abs(offset.dt_deg) > limit_deg:
-        raise OffsetTooLarge(f"{part} {as_text(offset)}, allowed are {limit_mm:g} mm and {limit_deg:g} deg")
-
-
-def as_text(offset: Offset | None) -> str:
-    """As in the paper's Table 2."""
-    if offset is None:
-        return "not measured"
-    return f"dX {offset.dx_mm:+.4f} dY {offset.dy_mm:+.4f} mm dT {offset.dt_deg:+.4f} deg"
+async def look_again_at_battery(job: Job, unit: Unit, first: asyncio.Task[Located]) -> asyncio.Task[Located]:
+    """The battery's opposite corner over camera 2."""
+    with looking_again(unit, "camera-2"):
+        await job.hand.stop_at(job.budget.second_corner.stop, job.config.positions.camera_2_z_mm)
+        job.hand.expect_vacuum(True, 3, BatteryLost, "over camera 2 again")
+        battery = await wait_for_vision(unit, "camera-2", first)
+        return await exposed(partial(locate_battery_again, job, unit, battery))
 
 
 # -- step 4: fetch -----------------------------------------------------------------------------------------
 
 
-async def fetch_battery(job: Job, unit: Unit, base: asyncio.Task[Pose]) -> None:
+async def fetch_battery(job: Job, unit: Unit, base: asyncio.Task[Located]) -> None:
     """Take the battery from its table; it goes back there when the base turns out not to be good."""
     hand, pick = job.hand, job.taught.table_pick
     hand.expect_vacuum(False, 1, VacuumStuck, "before the pick")
@@ -212,18 +151,16 @@ async def fetch_battery(job: Job, unit: Unit, base: asyncio.Task[Pose]) -> None:
 # -- step 6: place -----------------------------------------------------------------------------------------
 
 
-async def place_battery(job: Job, unit: Unit, robot_from_base: Pose, battery: asyncio.Task[Pose]) -> None:
+async def place_battery(job: Job, unit: Unit, base: Located, battery: asyncio.Task[Located]) -> None:
     """Travel towards the seat, compute where the tool must be, lower the battery into its seat, let go."""
-    taught, hand = job.taught, job.hand
+    taught, hand, limits = job.taught, job.hand, job.recipe.limits
+    base_from_battery = job.watch.corrected(taught.base_from_battery)
     if job.recipe.cameras == "camera_2_only":
-        robot_from_base = taught.robot_from_base
-    about = place_pose(robot_from_base, taught.base_from_battery, taught.tool_from_battery)
-    await hand.travel(hand.before(about, job.recipe.limits.battery_offset_mm))
-    tool_from_battery = await wait_for_vision(unit, "camera-2", battery)
-    unit.prediction = predict_placement(job, unit)
-    if unit.prediction.p99_mm > job.recipe.limits.placement_mm:
-        raise PlacementUncertain(f"{unit.prediction.sentence}, allowed are {job.recipe.limits.placement_mm:g} mm")
-    unit.placed_at = place_pose(robot_from_base, taught.base_from_battery, tool_from_battery)
+        base = base._replace(pose=taught.robot_from_base)
+    about = place_pose(base.pose, base_from_battery, taught.tool_from_battery)
+    await hand.travel(hand.before(about, limits.battery_offset_mm, limits.battery_offset_deg))
+    tool_from_battery = await sure_enough(job, unit, base, battery)
+    unit.placed_at = place_pose(base.pose, base_from_battery, tool_from_battery)
     async with written(job.journal.step(unit.id, 6, "place battery", "intent", {"at": list(unit.placed_at)})):
         await hand.arrive(unit.placed_at)
     hand.expect_vacuum(True, 4, BatteryLost, "before placing")
@@ -232,43 +169,24 @@ async def place_battery(job: Job, unit: Unit, robot_from_base: Pose, battery: as
     await job.journal.step(unit.id, 6, "place battery", "done")
 
 
-def predict_placement(job: Job, unit: Unit) -> Prediction:
-    """Both pictures, three robot stops and the teaching, carried to the corners of the battery."""
-    battery, taught, robot = job.recipe.battery, job.taught, job.config.robot
-    base, held = unit.seen_base, unit.seen_battery
-    if base is None or held is None:
-        raise ValueError("a placement is predicted from both pictures")
-    edge = views.direction_edge(battery, held)
-    mm_1, mm_2 = job.sight.plane_1.mm_per_px, job.sight.plane_2.mm_per_px
-    stop_mm, stop_deg = robot.repeatability_mm / 3, robot.repeatability_deg / 3
-    averaged = taught.repeats**0.5
-    corner, tool = views.corner_mm(battery), Mm(0.0, 0.0)
-    hole = taught.base_from_battery.inverse().point(0.0, 0.0)
-    sources = [
-        Source("camera 1", base.circle.sd_px * mm_1, base.edge.angle_sd_deg, hole),
-        Source("camera 2", held.corner_sd_px * mm_2, edge.angle_sd_deg, corner),
-        Source("stop at camera 1", stop_mm, stop_deg, hole),
-        Source("stop at camera 2", stop_mm, stop_deg, corner),
-        Source("stop at the seat", stop_mm, stop_deg, tool),
-        Source("teaching", taught.spread_mm / averaged, taught.spread_deg / averaged, tool),
-    ]
-    w, h = battery.width_mm / 2, battery.height_mm / 2
-    return predict(sources, [Mm(-w, -h), Mm(w, -h), Mm(w, h), Mm(-w, h)])
+async def sure_enough(job: Job, unit: Unit, base: Located, first: asyncio.Task[Located]) -> Pose:
+    """Go, look again, or no-go: tool_from_battery, when the predicted error is small enough.
+
+    Nobody expected that this unit would need a second look, else it would have had one; so the arm goes back for it.
+    """
+    battery = await wait_for_vision(unit, "camera-2", first)
+    unit.prediction = job.budget.placement(base, battery)
+    if not unit.prediction.good and job.budget.may_look_again and "camera-2" not in unit.looked_again_ms:
+        again = await look_again_at_battery(job, unit, first)
+        async with never_outliving(again):
+            battery = await wait_for_vision(unit, "camera-2", again)
+        unit.prediction = job.budget.placement(base, battery)
+    if not unit.prediction.good:
+        raise PlacementUncertain(unit.prediction.sentence)
+    return battery.pose
 
 
 # -- beside the motion -------------------------------------------------------------------------------------
-
-
-@asynccontextmanager
-async def never_outliving(task: asyncio.Task[Pose]) -> AsyncIterator[None]:
-    """A measurement ends with the block at the latest."""
-    try:
-        yield
-    finally:
-        task.cancel()
-        await asyncio.wait([task])
-        if not task.cancelled():
-            task.exception()  # was raised where it was waited for, or the block failed before that
 
 
 @asynccontextmanager
@@ -281,10 +199,19 @@ async def written(entry: Coroutine[Any, Any, None]) -> AsyncIterator[None]:
         await task
 
 
-async def wait_for_vision(unit: Unit, camera: str, task: asyncio.Task[Pose]) -> Pose:
-    """The measured pose; how long the motion had to wait for it is written down."""
+@contextmanager
+def looking_again(unit: Unit, camera: str) -> Iterator[None]:
+    """A second look; what it takes is written down."""
+    since_s = time.monotonic()
+    yield
+    unit.looked_again_ms[camera] = round((time.monotonic() - since_s) * 1000, 3)
+
+
+async def wait_for_vision(unit: Unit, camera: str, task: asyncio.Task[Located]) -> Located:
+    """What was measured; how long the motion had to wait for it is written down."""
     since_s = time.monotonic()
     try:
         return await task
     finally:
-        unit.waited_for_vision_ms[camera] = round((time.monotonic() - since_s) * 1000, 3)
+        waited_ms = unit.waited_for_vision_ms.get(camera, 0.0) + (time.monotonic() - since_s) * 1000
+        unit.waited_for_vision_ms[camera] = round(waited_ms, 3)

@@ -110,7 +110,7 @@ async def _serve(config: CellConfig, journal: Journal) -> None:
     try:
         async with asyncio.TaskGroup() as group:
             tasks = [group.create_task(devices.plc.run(), name="plc")]
-            await _start(cell, journal)
+            await _start(cell, session, journal)
             tasks += [
                 group.create_task(cell.run(), name="cell"),
                 group.create_task(control.run(), name="control"),
@@ -136,11 +136,16 @@ def _camera(name: str, camera: CameraConfig) -> GigeCamera:
     return GigeCamera(name, camera.address, camera.serial, width=camera.view_width_px, height=camera.view_height_px)
 
 
-async def _start(cell: Cell, journal: Journal) -> None:
-    """Check the devices; units that were interrupted get their record before anything else happens."""
+async def _start(cell: Cell, session: Session, journal: Journal) -> None:
+    """Check the devices; units that were interrupted get their record before anything else happens.
+
+    What is stale of calibrations and teaching is said now, not only when somebody starts.
+    """
     for unit in await journal.close_interrupted("the last run was interrupted"):
         log.warning(f"unit {unit.unit} was interrupted at {unit.last_words}: look for its parts in the cell")
     await cell.start_up(clean=journal.clean)
+    for line in await session.stale():
+        log.warning(line)
 
 
 async def _mark(progress: service.Progress, name: str, count: Callable[[], int]) -> None:

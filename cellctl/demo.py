@@ -134,7 +134,7 @@ class Stage:
         await self._ask({"verb": "recipe_use", "name": self._options.recipe})
         for what in ("camera-1", "camera-2"):
             await self._job({"verb": "calibrate", "what": what})
-        await self._job({"verb": "teach", "repeats": self._options.repeats})
+        await self._job({"verb": "teach", "repeats": self._options.repeats, "pairs": 1})
 
     async def table_2(self) -> list[dict[str, Any]]:
         """The paper's ten rows: once with a robot that repeats exactly, once with the paper's +-0.01 mm."""

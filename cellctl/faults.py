@@ -8,6 +8,7 @@ from enum import StrEnum
 from typing import NamedTuple
 
 from drivers.errors import (
+    Collision,
     DeviceError,
     FrameLost,
     Garbled,
@@ -57,6 +58,14 @@ class OffsetTooLarge(CellError):
 
 class PlacementUncertain(CellError):
     """The predicted placement error is larger than the recipe allows."""
+
+
+class GapNotSeen(CellError):
+    """Camera 1 could not measure how the battery lies in its seat."""
+
+
+class GapOutside(CellError):
+    """The battery lies in its seat, but not as it must."""
 
 
 class FormulasDisagree(CellError):
@@ -109,6 +118,11 @@ FAULTS: dict[type[Exception], Fault] = {
     Refused: Fault(
         "D4", Reaction.ABORT, "Look the device's code up in its manual, remove the cause, then Clear and Reset."
     ),
+    Collision: Fault(
+        "D8",
+        Reaction.ABORT,
+        "Look what the arm hit, then Clear and Reset, and verify the cameras: `cellctl calibrate verify camera-1`.",
+    ),
     Mismatch: Fault(
         "D5", Reaction.ABORT, "The configuration and the device do not belong together: correct the one that is wrong."
     ),
@@ -132,6 +146,8 @@ FAULTS: dict[type[Exception], Fault] = {
     BatteryNotFound: Fault("V2", Reaction.REJECT, "Check cup and lens of camera 2 if it happens again."),
     OffsetTooLarge: Fault("V3", Reaction.REJECT, "Check carrier, table and recipe limits if it happens again."),
     PlacementUncertain: Fault("V4", Reaction.REJECT, "Check lens, light and calibration if it happens again."),
+    GapNotSeen: Fault("V5", Reaction.REJECT, "Look whether the battery lies in its seat; clean camera 1's lens."),
+    GapOutside: Fault("V6", Reaction.REJECT, "Take the unit apart. If it happens again, see `cellctl drift`."),
     UnitTooSlow: Fault("P5", Reaction.HOLD, "Look what held it up, take its battery out of the cell, then Unhold."),
     FormulasDisagree: Fault("X2", Reaction.ABORT, "Software error. Keep the log; do not go on with this version."),
     RecordLost: Fault("R1", Reaction.ABORT, "Make room on the disk or replace it, then restart the service."),

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from cellctl.config import Positions
 from cellctl.faults import PickFailed, VacuumStuck
 from cellctl.geometry import Pose
+from cellctl.mount import FLAGS, Elbow
 from cellctl.recipe import Motion, Pick, PlaceStep, Recipe
 from drivers.camera import Camera
 from drivers.errors import DeviceError, NoAnswer
@@ -42,27 +43,30 @@ class Hand:
     pick: Pick
     place: PlaceStep
 
-    async def travel(self, to: Pose) -> None:
-        """Across, at travel height."""
-        await self._move(to, self.positions.safe_z_mm, self.motion.travel_speed_pct)
+    async def travel(self, to: Pose, elbow: Elbow | None = None) -> None:
+        """Across, at travel height; with the elbow on that side, else on that of production."""
+        await self._move(to, self.positions.safe_z_mm, self.motion.travel_speed_pct, elbow)
 
-    async def stop_at(self, at: Pose, z_mm: float | None = None) -> None:
+    async def stop_at(self, at: Pose, z_mm: float | None = None, elbow: Elbow | None = None) -> None:
         """Stop exactly, approached from the same side every time, so that hysteresis cancels between stops."""
-        start = self.before(at)
-        await self.travel(start)
-        if z_mm is not None and z_mm != self.positions.safe_z_mm:
-            await self._move(start, z_mm, self.motion.touch_speed_pct)
-        await self.arrive(at, z_mm)
+        await self.stop_from(self.before(at), at, z_mm, elbow)
 
-    async def arrive(self, at: Pose, z_mm: float | None = None) -> None:
+    async def stop_from(self, start: Pose, at: Pose, z_mm: float | None = None, elbow: Elbow | None = None) -> None:
+        """Stop exactly, approached from a given side."""
+        await self.travel(start, elbow)
+        if z_mm is not None and z_mm != self.positions.safe_z_mm:
+            await self._move(start, z_mm, self.motion.touch_speed_pct, elbow)
+        await self.arrive(at, z_mm, elbow)
+
+    async def arrive(self, at: Pose, z_mm: float | None = None, elbow: Elbow | None = None) -> None:
         """The last, slow stretch from `before` a stop to the stop, and stand still."""
-        await self._move(at, self.positions.safe_z_mm if z_mm is None else z_mm, self.motion.touch_speed_pct)
+        await self._move(at, self.positions.safe_z_mm if z_mm is None else z_mm, self.motion.touch_speed_pct, elbow)
         await asyncio.sleep(self.motion.settle_s)
 
-    def before(self, at: Pose, uncertain_mm: float = 0.0) -> Pose:
-        """Where the one-sided approach begins to a stop that is known to so many mm."""
-        back_mm = self.motion.approach_mm + uncertain_mm
-        return Pose(at.x_mm - back_mm, at.y_mm - back_mm, at.t_deg)
+    def before(self, at: Pose, uncertain_mm: float = 0.0, uncertain_deg: float = 0.0) -> Pose:
+        """Where the one-sided approach in X, Y and R begins to a stop that is known to so many mm and degrees."""
+        back_mm, back_deg = self.motion.approach_mm + uncertain_mm, self.motion.approach_deg + uncertain_deg
+        return Pose(at.x_mm - back_mm, at.y_mm - back_mm, at.t_deg - back_deg)
 
     async def suck(self, at: Pose, z_mm: float) -> None:
         """Touch, suck, lift; touch again as often as the recipe allows. Raises PickFailed."""
@@ -141,15 +145,16 @@ class Hand:
         if plc.image.carrier_clamped and plc.image.carrier_id:
             await plc.release(plc.image.carrier_id, good=False, within_s=COMMAND_WITHIN_S)
 
-    async def _move(self, to: Pose, z_mm: float, speed_pct: int) -> None:
-        await self.devices.robot.move(Point(to.x_mm, to.y_mm, z_mm, to.t_deg), speed_pct=speed_pct)
+    async def _move(self, to: Pose, z_mm: float, speed_pct: int, elbow: Elbow | None = None) -> None:
+        flag = FLAGS[elbow] if elbow else None
+        await self.devices.robot.move(Point(to.x_mm, to.y_mm, z_mm, to.t_deg), speed_pct=speed_pct, hand=flag)
 
 
 async def lift_free(robot: Robot, safe_z_mm: float) -> None:
     """Straight up to the travel height from wherever the arm stands."""
-    here = await robot.here()
+    here, hand = await robot.posture()
     if here.z_mm > safe_z_mm:
-        await robot.move(here._replace(z_mm=safe_z_mm), speed_pct=FREEING_SPEED_PCT)
+        await robot.move(here._replace(z_mm=safe_z_mm), speed_pct=FREEING_SPEED_PCT, hand=hand or None)
 
 
 @asynccontextmanager

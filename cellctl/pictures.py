@@ -10,15 +10,16 @@ from typing import NamedTuple
 
 import cv2
 
-from cellctl.vision import BaseMeasurement, BatteryMeasurement
+from cellctl.vision import BaseMeasurement, BatteryMeasurement, Edge
 from cellctl.vision.annotate import annotate
 from cellctl.vision.features import ExpectedCircle, ExpectedEdge
+from cellctl.vision.gap import GapMeasurement
 from drivers.camera import Pixels
 
 MOST_WAITING = 8
 JPEG_QUALITY = 85
-Expected = tuple[ExpectedCircle | ExpectedEdge, ExpectedEdge]
-Measurement = BaseMeasurement | BatteryMeasurement
+Expected = tuple[ExpectedCircle | ExpectedEdge, ...]
+Measurement = BaseMeasurement | BatteryMeasurement | Edge | GapMeasurement
 
 
 class _Job(NamedTuple):

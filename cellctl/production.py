@@ -4,12 +4,13 @@ import asyncio
 import time
 from collections.abc import Callable
 
-from cellctl.cycle import Job, Unit, assemble
+from cellctl.cycle import assemble
 from cellctl.events import Event, unit_event
 from cellctl.faults import CellError, Reaction, UnitTooSlow, fault_for, sentence
 from cellctl.hand import COMMAND_WITHIN_S, seeing
 from cellctl.journal import Record, Verdict
 from cellctl.log import StepTime, bound, log, trace
+from cellctl.unit import Job, Unit
 from drivers.errors import DeviceError
 
 INTERRUPTED = "aborted before it was finished: look for its battery in the cell"
@@ -38,6 +39,7 @@ class Production:
         """Units, until there are enough or somebody wants it to end."""
         async with seeing(self._job.hand.devices, self._job.recipe):
             await self._job.hand.clear_away()
+            log.info(self._job.budget.plan_text)
             while keep_on() and not (self._limit and self.done >= self._limit):
                 await self._one_unit()
 
@@ -98,15 +100,20 @@ class Production:
             battery_dy_mm=battery and battery.dy_mm,
             battery_dt_deg=battery and battery.dt_deg,
             predicted_mm=prediction and prediction.p99_mm,
-            pictures=tuple(f"{unit.id}-{camera}.jpg" for camera in unit.waited_for_vision_ms),
+            pictures=tuple(f"{unit.id}-{camera}.jpg" for camera in unit.pictures),
             data={
                 "carrier_id": unit.carrier_id,
-                "prediction": prediction.sentence if prediction else None,
+                "prediction": prediction.as_dict() if prediction else None,
                 "placed_at": list(unit.placed_at) if unit.placed_at else None,
                 "waited_for_vision_ms": unit.waited_for_vision_ms,
+                "looked_again_ms": unit.looked_again_ms,
                 "steps_ms": {f"{step.number} {step.name}": step.took_ms for step in steps},
                 "recipe": self._job.name,
                 "cameras": self._job.recipe.cameras,
+                "gap": unit.seating and unit.seating.as_dict(),
+                "gap_unseen": unit.gap_unseen,
+                "drift": self._job.watch.record(unit.observed),
+                "light": self._job.light.record(),
             },
         )
         await self._job.journal.finish_unit(unit.id, record)

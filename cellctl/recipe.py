@@ -1,9 +1,6 @@
 """What differs from phone model to phone model: the model of recipes/*.toml. Belongs to the process engineer.
 
-Frames (mm, degrees counter-clockwise seen from above):
-base     origin in the centre of the camera hole, x along the reference edge, the edge at y = +edge_distance_mm
-seat     origin in the middle of the pocket that takes the battery
-battery  origin in the middle of the battery, x along its width, y along its height; at rest parallel to the seat
+The parts themselves, and the frames of all lengths, are in recipe_parts.py.
 """
 
 import hashlib
@@ -16,84 +13,14 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
+from cellctl.recipe_light import RecipeLight, RecipePictures
+from cellctl.recipe_parts import Base, Battery
 from cellctl.strict_toml import Contradiction, Settings, SettingsError, load
 
-VIEW_WIDTH_MM = 19.0
-VIEW_HEIGHT_MM = 14.25
-
-Exposure = Annotated[float, Field(ge=20, le=100_000, description="Exposure time of the picture in microseconds")]
-Gain = Annotated[float, Field(ge=0, le=24, description="Gain of the camera in dB; noise grows with it")]
 Speed = Annotated[int, Field(ge=1, le=100)]
 Wait = Annotated[float, Field(ge=0, le=5)]
 Patience = Annotated[float, Field(ge=0.05, le=30)]
 RobotZ = Annotated[float, Field(ge=0, le=400)]
-SearchDistance = Annotated[float, Field(gt=0, le=6)]
-SearchAngle = Annotated[float, Field(gt=0, le=10)]
-
-
-class Base(Settings):
-    """The cellphone base and how camera 1 looks at it. All lengths are in the base frame."""
-
-    hole_radius_mm: float = Field(ge=0.3, le=6, description="Radius of the camera hole in mm")
-    hole: Literal["dark", "bright"] = Field(description="Is the hole darker or brighter than the base around it")
-    edge_distance_mm: float = Field(ge=0.5, le=13, description="Hole centre to reference edge in mm")
-    edge_from_mm: float = Field(ge=-19, le=19, description="Where the used stretch of the edge begins, x in mm")
-    edge_to_mm: float = Field(ge=-19, le=19, description="Where the used stretch of the edge ends, x in mm")
-    edge_bright_side: Literal["base", "outside"] = Field(description="Which side of the edge is the brighter one")
-    view_x_mm: float = Field(ge=-15, le=15, description="Point that camera 1 centres on, x in mm")
-    view_y_mm: float = Field(ge=-15, le=15, description="Point that camera 1 centres on, y in mm")
-    seat_x_mm: float = Field(ge=-200, le=200, description="Middle of the seat, x in mm")
-    seat_y_mm: float = Field(ge=-200, le=200, description="Middle of the seat, y in mm")
-    seat_t_deg: float = Field(ge=-180, le=180, description="Direction of the seat against the base in degrees")
-    search_mm: SearchDistance = Field(description="How far the base may lie from its taught place in mm")
-    search_deg: SearchAngle = Field(description="How far the base may be turned from its taught place in degrees")
-    exposure_us: Exposure
-    gain_db: Gain
-
-    def contradictions(self) -> Iterator[Contradiction]:
-        """The used stretch has a length, and all that camera 1 measures stays in its view."""
-        if self.edge_to_mm - self.edge_from_mm < 2:
-            yield "edge_to_mm", f"must be at least 2 mm above edge_from_mm = {self.edge_from_mm:g}"
-        margin = _Margin(self.search_mm, self.search_deg)
-        x_mm, y_mm = -self.view_x_mm, -self.view_y_mm
-        edge_y_mm = y_mm + self.edge_distance_mm
-        yield from margin.leaves_view("hole_radius_mm", x_mm, y_mm, self.hole_radius_mm, what="the hole")
-        for key in ("edge_from_mm", "edge_to_mm"):
-            end_x_mm = x_mm + float(getattr(self, key))
-            yield from margin.leaves_view(key, end_x_mm, edge_y_mm, what="this end of the edge")
-
-
-class Battery(Settings):
-    """The battery and how camera 2 looks at one of its corners."""
-
-    width_mm: float = Field(ge=10, le=200, description="Width of the battery in mm (x of the battery frame)")
-    height_mm: float = Field(ge=10, le=200, description="Height of the battery in mm (y of the battery frame)")
-    corner: Literal["lower_left", "lower_right", "upper_left", "upper_right"] = Field(
-        description="The corner that camera 2 measures, as seen in the battery frame from above"
-    )
-    edge_skip_mm: float = Field(ge=0, le=8, description="Rounded corner that is left out, mm from the corner")
-    edge_x_mm: float = Field(ge=2, le=19, description="Used length of the edge along the width in mm, after the skip")
-    edge_y_mm: float = Field(ge=2, le=19, description="Used length of the edge along the height in mm, after the skip")
-    bright: Literal["battery", "background"] = Field(description="Which of the two is brighter in the picture")
-    view_x_mm: float = Field(ge=-9, le=9, description="How far inside the corner camera 2 looks, along the width, mm")
-    view_y_mm: float = Field(ge=-7, le=7, description="How far inside the corner camera 2 looks, along the height, mm")
-    search_mm: SearchDistance = Field(description="How far the corner may be from its expected place in mm")
-    search_deg: SearchAngle = Field(description="How far the battery may be turned in degrees")
-    exposure_us: Exposure
-    gain_db: Gain
-
-    def contradictions(self) -> Iterator[Contradiction]:
-        """The used stretches lie on the battery, and all that camera 2 measures stays in its view."""
-        margin = _Margin(self.search_mm, self.search_deg)
-        x_mm, y_mm = -self.view_x_mm, -self.view_y_mm
-        end_x_mm, end_y_mm = self.edge_skip_mm + self.edge_x_mm, self.edge_skip_mm + self.edge_y_mm
-        yield from margin.leaves_view("view_x_mm", x_mm, y_mm, what="the corner")
-        yield from margin.leaves_view("edge_x_mm", x_mm + end_x_mm, y_mm, what="the end of this edge")
-        yield from margin.leaves_view("edge_y_mm", x_mm, y_mm + end_y_mm, what="the end of this edge")
-        if end_x_mm > self.width_mm:
-            yield "edge_x_mm", f"skip and edge make {end_x_mm:g} mm, more than width_mm = {self.width_mm:g}"
-        if end_y_mm > self.height_mm:
-            yield "edge_y_mm", f"skip and edge make {end_y_mm:g} mm, more than height_mm = {self.height_mm:g}"
 
 
 class RecipeLimits(Settings):
@@ -107,7 +34,21 @@ class RecipeLimits(Settings):
     battery_offset_mm: float = Field(gt=0, le=5, description="Battery in the cup against its taught place in mm")
     battery_offset_deg: float = Field(gt=0, le=10, description="Battery in the cup against its taught place in degrees")
     min_contrast: float = Field(ge=1, le=250, description="Smallest step across an edge in grey levels of 255")
+    max_blur_px: float = Field(default=3.0, gt=0.5, le=4, description="Largest blur of an outline (sigma) in pixels")
+    min_outline: float = Field(default=0.25, ge=0.1, le=1, description="Part of an outline that must fit its shape")
+    max_overexposed: float = Field(default=0.3, ge=0, le=1, description="Part of an outline that may be over-exposed")
+    max_rival: float = Field(default=0.75, gt=0.3, lt=1, description="Strength of a second outline beside the first")
+    max_angle_sd_deg: float = Field(default=0.02, gt=0, le=1, description="Own error of an edge's angle, 1 sigma, deg")
     placement_mm: float = Field(gt=0, le=1, description="Needed accuracy of every corner of the battery in its seat")
+    golden_spread_mm: float = Field(
+        default=0.03,
+        gt=0,
+        le=1,
+        description="Golden assemblies, from seating to seating and from pair to pair, 1 sigma",
+    )
+    golden_spread_deg: float = Field(
+        default=0.03, gt=0, le=5, description="The same of their angle, 1 sigma in degrees"
+    )
     gap_mm: float = Field(gt=0, le=2, description="Nominal gap between battery and seat on each side in mm")
     part_tolerance_mm: float = Field(ge=0, le=1, description="Tolerance of the parts, plus and minus, in mm")
 
@@ -119,6 +60,61 @@ class RecipeLimits(Settings):
             yield "placement_mm", f"must be below gap_mm = {self.gap_mm:g}"
 
 
+class Placement(Settings):
+    """How sure a placement is: what no picture tells about the parts, and when they are looked at twice."""
+
+    second_look: Literal["never", "when_needed", "always"] = Field(
+        default="never",
+        description="Look again at the battery's opposite corner and at the second stretch of the base's edge: "
+        "when_needed does so when the predicted error is beyond limits.placement_mm otherwise",
+    )
+    base_form_um: float = Field(default=0.0, ge=0, le=20, description="Straightness of the base's edge, 1 sigma in um")
+    battery_form_um: float = Field(
+        default=0.0, ge=0, le=20, description="Straightness of the battery's edges, 1 sigma in um"
+    )
+    form_length_mm: float = Field(
+        default=3.0, ge=0.5, le=50, description="Over this distance the correlation of the form error falls to 1/e, mm"
+    )
+    battery_size_sd_mm: float = Field(
+        default=0.0, ge=0, le=0.5, description="Spread of the battery's width and height about the drawing, 1 sigma"
+    )
+
+
+class GapLook(Settings):
+    """After placing, camera 1 looks at the measured corner of the battery in its seat."""
+
+    when: Literal["never", "every_unit", "every_nth", "low_margin"] = Field(
+        default="never",
+        description="Which units are looked at; low_margin: those whose predicted p99 comes near limits.placement_mm",
+    )
+    every_n: int = Field(default=10, ge=2, le=10_000, description="every_nth: one of so many units is looked at")
+    margin_mm: float = Field(default=0.01, ge=0, le=1, description="low_margin: as near as this to placement_mm, in mm")
+    search_mm: float = Field(
+        default=0.3, ge=0.05, le=1, description="How far the seat's corner may be from where base and robot put it, mm"
+    )
+    limit_mm: float = Field(
+        default=0.08, gt=0, le=1, description="A unit is rejected when a corner of its battery is further off, mm"
+    )
+    limit_deg: float = Field(
+        default=0.05, gt=0, le=1, description="A unit is rejected when its battery is turned further, degrees"
+    )
+    unseen: Literal["reject", "accept"] = Field(
+        default="reject", description="What becomes of a unit whose gap was to be looked at and could not be measured"
+    )
+
+
+class DriftWatch(Settings):
+    """What is done about a slow change of the cell, which the gaps of many units show."""
+
+    correct_up_to_um: float = Field(
+        default=0.0,
+        ge=0,
+        le=100,
+        description="A shift is taken off the next units as long as no corner moves further than this in all, um; "
+        "0: it is only reported",
+    )
+
+
 class Motion(Settings):
     """How the robot moves for this part."""
 
@@ -126,6 +122,9 @@ class Motion(Settings):
     touch_speed_pct: Speed = Field(description="Speed of the last stretch onto table and seat in percent")
     settle_s: float = Field(ge=0, le=2, description="Standing still before each picture and before placing, s")
     approach_mm: float = Field(ge=0, le=10, description="The measuring stops are approached over this last distance")
+    approach_deg: float = Field(
+        default=0.5, ge=0, le=5, description="... and over this last angle, so that R has no lost motion between stops"
+    )
 
     def contradictions(self) -> Iterator[Contradiction]:
         """Touching is not faster than travelling."""
@@ -170,10 +169,15 @@ class Recipe(Settings):
     base: Base
     battery: Battery
     limits: RecipeLimits
+    placement: Placement = Placement()
+    gap: GapLook = GapLook()
+    drift: DriftWatch = DriftWatch()
     motion: Motion
     pick: Pick
     place: PlaceStep
     timing: Timing
+    light: RecipeLight | None = None
+    pictures: RecipePictures | None = None
 
     @property
     def hash(self) -> str:
@@ -194,6 +198,10 @@ class Recipe(Settings):
     def contradictions(self) -> Iterator[Contradiction]:
         """Seat and features of the base do not overlap; what is accepted is also searched for."""
         yield from self._seat_covers_features()
+        if self.gap.when != "never" and self.gap.limit_mm > self.limits.gap_mm:
+            yield "gap.limit_mm", f"must not be above limits.gap_mm = {self.limits.gap_mm:g}: there is no more room"
+        if self.gap.when == "never" and self.drift.correct_up_to_um > 0:
+            yield "drift.correct_up_to_um", 'needs gaps that are looked at, but gap.when = "never"'
         for part, table in (("base", self.base), ("battery", self.battery)):
             for unit in ("mm", "deg"):
                 accepted = float(getattr(self.limits, f"{part}_offset_{unit}"))
@@ -213,25 +221,6 @@ class Recipe(Settings):
         top_mm = base.seat_y_mm + abs(s) * half_x_mm + abs(c) * half_y_mm
         if top_mm > base.edge_distance_mm:
             yield "base.seat_y_mm", f"here the seat reaches y = {top_mm:.2f} mm, beyond the reference edge"
-
-
-class _Margin:
-    """How far a feature may wander in the picture while it is still within the search."""
-
-    def __init__(self, search_mm: float, search_deg: float) -> None:
-        self.search_mm = search_mm
-        self.sine = math.sin(math.radians(search_deg))
-
-    def leaves_view(
-        self, key: str, x_mm: float, y_mm: float, radius_mm: float = 0.0, *, what: str
-    ) -> Iterator[Contradiction]:
-        """Say so when a feature at (x, y) from the middle of the view can leave it within the search."""
-        reach_x_mm = abs(x_mm) + abs(y_mm) * self.sine + radius_mm + self.search_mm
-        reach_y_mm = abs(y_mm) + abs(x_mm) * self.sine + radius_mm + self.search_mm
-        for axis, reach_mm, half_mm in (("x", reach_x_mm, VIEW_WIDTH_MM / 2), ("y", reach_y_mm, VIEW_HEIGHT_MM / 2)):
-            if reach_mm > half_mm:
-                far = f"with the search it reaches {reach_mm:.2f} mm in {axis} from its middle, {half_mm:g} mm is seen"
-                yield key, f"{what} can leave the camera's view: {far}"
 
 
 NAME = re.compile(r"[a-z0-9-]+")

@@ -7,12 +7,13 @@ import sqlite3
 from collections.abc import Iterable, Iterator, Sequence
 from datetime import datetime
 from pathlib import Path
-from typing import TextIO
+from typing import Literal, TextIO
 from urllib.parse import quote
 
 from cellctl.faults import RecordLost
 
 READ_WITHIN_S = 5.0
+LOOKED_BACK_UNITS = 5000  # units of other recipes since the last one of a golden assembly; else its drift is forgotten
 
 MEASURES = (
     "base_dx_mm",
@@ -54,6 +55,28 @@ def units(path: Path, *, last: int = 20, **filters: str | int) -> list[Unit]:
     with _reading(path) as connection:
         rows = connection.execute(query, (*filters.values(), last)).fetchall()
     return [_unit(row) for row in reversed(rows)]
+
+
+def number_of(unit: str) -> int:
+    """The number in a unit's id; it always grows."""
+    return int(unit.rpartition("-")[2])
+
+
+def latest_kept(path: Path, what: Literal["drift", "light"], of: str) -> tuple[int, str] | None:
+    """Number of, and what was kept (JSON text) by, the newest unit that was made with a golden assembly.
+
+    None when there is no such unit among the newest, or no journal yet. Raises RecordLost.
+    """
+    if not path.exists():
+        return None
+    query = (
+        "SELECT unit_serial, json_extract(data, '$.' || ?1) FROM record "
+        "WHERE unit_serial > (SELECT coalesce(max(serial), 0) - ?2 FROM unit) "
+        "AND json_extract(data, '$.' || ?1 || '.of') = ?3 ORDER BY unit_serial DESC LIMIT 1"
+    )
+    with _reading(path) as connection:
+        row = connection.execute(query, (what, LOOKED_BACK_UNITS, of)).fetchone()
+    return None if row is None else (int(row[0]), str(row[1]))
 
 
 @contextlib.contextmanager
@@ -112,12 +135,13 @@ def write_json(rows: Iterable[Unit], stream: TextIO) -> None:
 
 def write_table(rows: Iterable[Unit], stream: TextIO) -> None:
     """For people: one line per unit."""
-    stream.write(f"{'unit':<16} {'ended':<19} {'verdict':<8}  fault  cycle  base dX dY dT, battery dX dY dT\n")
+    stream.write(f"{'unit':<16} {'ended':<19} {'verdict':<8}  fault  cycle  p99 um  base dX dY dT, battery dX dY dT\n")
     for row in rows:
         ended = str(row["ended"] or "-")[:19].replace("T", " ")
         cycle = f"{row['cycle_s']:5.2f}s" if isinstance(row["cycle_s"], float) else f"{'-':>6}"
+        predicted = f"{1000 * row['predicted_mm']:6.1f}" if isinstance(row["predicted_mm"], float) else f"{'-':>6}"
         stream.write(
-            f"{row['unit']:<16} {ended:<19} {row['verdict']:<8}  {row['fault'] or '-':<5} {cycle}  "
+            f"{row['unit']:<16} {ended:<19} {row['verdict']:<8}  {row['fault'] or '-':<5} {cycle}  {predicted}  "
             f"{_offset(row, 'base')}, {_offset(row, 'battery')}\n"
         )
 

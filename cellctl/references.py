@@ -1,108 +1,95 @@
-"""What the cell has learnt about itself: calibrations and taught references, one JSON file each in the state folder.
+"""Files of what the cell has learnt about itself: strict, sealed, written whole or not at all.
 
-Written whole or not at all (temporary file, fsync, rename), read strictly; a file that does not belong to this
-camera, recipe or calibration is refused with a sentence.
+A file is `{"sha256": ..., "content": {...}}`. The seal proves that what is read is what was written: a flipped bit in
+a digit would else be a good file with a wrong number in it. Such files are not edited by hand; learn anew instead.
 """
 
 import hashlib
 import os
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Literal, Self
+from typing import Any, ClassVar, Generic, Literal, Self, TypeVar
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import AwareDatetime, BaseModel, ConfigDict, ValidationError
+from pydantic_core import from_json
 
-from cellctl.calibration.plane_map import PlaneMap
-from cellctl.config import CellConfig
 from cellctl.faults import NotCalibrated
-from cellctl.geometry import Pose
-from cellctl.recipe import Recipe
 
 Eye = Literal["camera-1", "camera-2"]
+CAMERAS: tuple[Eye, Eye] = ("camera-1", "camera-2")
+LARGEST_FILE = 1024 * 1024
+STRICT = ConfigDict(strict=True, extra="forbid", frozen=True, allow_inf_nan=False)
+
+R = TypeVar("R", bound="Reference")
 
 
 class Reference(BaseModel):
-    """A strict, frozen file of learnt values."""
+    """A frozen file of learnt values."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+    model_config = STRICT
+    newest_schema: ClassVar[int] = 1
 
-    schema_version: Literal[1] = 1
-    made_at: datetime
+    schema_version: int
+    made_at: AwareDatetime
+
+    @property
+    def sha256(self) -> str:
+        """Hash of the content."""
+        return hashlib.sha256(self.model_dump_json().encode()).hexdigest()
 
     @property
     def id(self) -> str:
         """Short content hash; unit records name it."""
-        return hashlib.sha256(self.model_dump_json().encode()).hexdigest()[:12]
+        return self.sha256[:12]
+
+    @property
+    def made(self) -> str:
+        """When it was made, for people."""
+        return f"{self.made_at.astimezone(UTC):%Y-%m-%d %H:%M} UTC"
 
     def save(self, path: Path) -> None:
         """Write durably, whole or not at all."""
-        path.parent.mkdir(parents=True, exist_ok=True)
-        part = path.with_suffix(".part")
-        with part.open("w", encoding="utf-8") as file:
-            file.write(self.model_dump_json(indent=1))
-            file.flush()
-            os.fsync(file.fileno())
-        part.replace(path)
-        folder = os.open(path.parent, os.O_DIRECTORY)
-        try:
-            os.fsync(folder)
-        finally:
-            os.close(folder)
+        sealed = _Sealed[Any](sha256=self.sha256, content=self.model_dump(mode="json"))
+        write_whole(path, sealed.model_dump_json(indent=1).encode() + b"\n")
 
     @classmethod
     def read(cls, path: Path, remedy: str) -> Self:
         """Raises NotCalibrated with the remedy when there is no such file or it cannot be trusted."""
         try:
-            return cls.model_validate_json(path.read_bytes())
+            with path.open("rb") as file:
+                return cls.unsealed(file.read(LARGEST_FILE + 1))
         except FileNotFoundError:
             raise NotCalibrated(f"{path} does not exist: {remedy}") from None
-        except (OSError, ValidationError) as error:
-            first = str(error).splitlines()[0]
-            raise NotCalibrated(f"{path} cannot be used ({first}): {remedy}") from None
+        except (OSError, ValueError) as error:
+            raise NotCalibrated(f"{path} cannot be used ({_first_words(error)}): {remedy}") from None
+
+    @classmethod
+    def unsealed(cls, raw: bytes) -> Self:
+        """The content of a file's bytes. Raises ValueError unless it is exactly what was once written."""
+        if len(raw) > LARGEST_FILE:
+            raise ValueError(f"larger than {LARGEST_FILE} bytes")
+        cls._check_schema(from_json(raw, allow_inf_nan=False))
+        sealed: _Sealed[Self] = _Sealed[cls].model_validate_json(raw)  # type: ignore[valid-type]
+        if sealed.sha256 != sealed.content.sha256:
+            raise ValueError("damaged or edited: the content is not what was written")
+        return sealed.content
+
+    @classmethod
+    def _check_schema(cls, file: object) -> None:
+        content = file.get("content", file) if isinstance(file, dict) else None
+        version = content.get("schema_version") if isinstance(content, dict) else None
+        if isinstance(version, int) and version < cls.newest_schema:
+            raise ValueError(f"of an earlier release: schema {version}, this one reads {cls.newest_schema}")
+        if isinstance(version, int) and version > cls.newest_schema:
+            raise ValueError(f"of a later release: schema {version}, this one reads {cls.newest_schema}")
 
 
-class CameraCalibration(Reference):
-    """Where one camera is and what it makes of millimetres."""
+class _Sealed(BaseModel, Generic[R]):
+    """The outer layer of a file."""
 
-    camera: Eye
-    serial: str
-    plane: PlaneMap  # px <-> mm: tool frame for camera 1, robot frame for camera 2
-    target: Pose  # the dot board: in the robot frame for camera 1, in the tool frame for camera 2
-    poses: int
-    rotation_spread_deg: float
-    rms_px: float
-    hold_out_um: float
-    predicted_sd_um: float
-    note: str  # what cannot be observed
-    rotation_centre_um: float | None = None  # camera 2: tool rotation centre against this map
-
-    @staticmethod
-    def path(state: Path, camera: Eye) -> Path:
-        """Where the file of this camera is."""
-        return state / "calibration" / f"{camera}.json"
-
-
-class Taught(Reference):
-    """The golden assembly of one recipe: every unit is placed by its difference from it."""
-
-    recipe: str  # the recipe in use when it was taught
-    geometry: str  # hash of what was looked at; a changed part must be taught anew
-    calibrations: tuple[str, str]
-    look_1: Pose  # robot_from_tool when camera 1 looks
-    look_2: Pose  # robot_from_tool when camera 2 looks
-    robot_from_base: Pose
-    base_from_battery: Pose
-    tool_from_battery: Pose
-    table_pick: Pose  # robot_from_tool when picking from the table
-    robot_from_battery_on_table: Pose
-    repeats: int = Field(ge=1)
-    spread_mm: float  # sigma per axis of the seat's place in the base, over the repeats
-    spread_deg: float
-
-    @staticmethod
-    def path(state: Path, recipe: Recipe) -> Path:
-        """Where the file is; recipes that look at the same features share it."""
-        return state / "taught" / f"{geometry_of(recipe)}.json"
+    model_config = STRICT
+    sha256: str
+    content: R
 
 
 def now() -> datetime:
@@ -110,35 +97,29 @@ def now() -> datetime:
     return datetime.now(UTC)
 
 
-def geometry_of(recipe: Recipe) -> str:
-    """Hash of all that decides what the cameras measure and where the robot grips."""
-    looked_at = recipe.base.model_dump_json() + recipe.battery.model_dump_json()
-    return hashlib.sha256(looked_at.encode()).hexdigest()[:12]
+def write_whole(path: Path, data: bytes) -> None:
+    """Write a file durably: it is there whole, or as it was before."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    part = path.with_name(f"{path.name}.part")
+    with part.open("wb") as file:
+        file.write(data)
+        file.flush()
+        os.fsync(file.fileno())
+    part.replace(path)
+    sync_folder(path.parent)
 
 
-def read_calibration(config: CellConfig, camera: Eye) -> CameraCalibration:
-    """The calibration in force. Raises NotCalibrated when it is missing, foreign or too old."""
-    remedy = f"run `cellctl calibrate {camera}`"
-    path = CameraCalibration.path(config.paths.state, camera)
-    calibration = CameraCalibration.read(path, remedy)
-    serial = config.camera_1.serial if camera == "camera-1" else config.camera_2.serial
-    if calibration.serial != serial:
-        raise NotCalibrated(f"{path} is of camera {calibration.serial}, the cell has {serial}: {remedy}")
-    age_days = (now() - calibration.made_at).total_seconds() / 86400
-    if not 0 <= age_days <= config.calibration.max_age_days:
-        raise NotCalibrated(
-            f"{path} is {age_days:.1f} days old, allowed are {config.calibration.max_age_days:g}: {remedy}"
-        )
-    return calibration
+def sync_folder(folder: Path) -> None:
+    """Make renames in a folder durable."""
+    descriptor = os.open(folder, os.O_DIRECTORY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
 
 
-def read_taught(config: CellConfig, recipe: Recipe, calibrations: tuple[str, str]) -> Taught:
-    """The taught reference in force. Raises NotCalibrated when it does not belong to recipe and calibrations."""
-    remedy = f"teach {recipe.model} with `cellctl recipe teach` (also after any change of its [base] or [battery])"
-    path = Taught.path(config.paths.state, recipe)
-    taught = Taught.read(path, remedy)
-    if taught.geometry != geometry_of(recipe):
-        raise NotCalibrated(f"{path} is of other features than the recipe's: {remedy}")
-    if taught.calibrations != calibrations:
-        raise NotCalibrated(f"{path} was taught before a camera was calibrated anew: {remedy}")
-    return taught
+def _first_words(error: Exception) -> str:
+    if isinstance(error, ValidationError):
+        first = error.errors(include_url=False)[0]
+        return f"{'.'.join(map(str, first['loc']))}: {first['msg']}".removeprefix(": ")
+    return (getattr(error, "strerror", None) or str(error)).splitlines()[0]

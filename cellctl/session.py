@@ -9,37 +9,53 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import partial
 
-from cellctl.calibrate import Calibration, What
+from cellctl.calibrate import Calibration
+from cellctl.calibrations import CameraCalibration, read_calibration
 from cellctl.cell import Cell, Work
 from cellctl.config import CellConfig
 from cellctl.control_errors import Declined
 from cellctl.control_requests import (
     CalibrateRequest,
+    CalibrationUseRequest,
     CommandRequest,
+    DriftAnewRequest,
+    HysteresisRequest,
     ModeRequest,
     ProceedRequest,
     RecipeUseRequest,
     Request,
+    StatusRequest,
     TeachRequest,
+    TemperatureRequest,
     UnitsLeftRequest,
+    VerifyRequest,
 )
-from cellctl.cycle import Job
+from cellctl.doubts import Temperature
 from cellctl.events import Event, progress_event
-from cellctl.faults import NotReady
+from cellctl.faults import CellError, NotReady
 from cellctl.hand import Devices, Hand
+from cellctl.hysteresis import HysteresisTest
 from cellctl.journal import Journal
+from cellctl.light_watch import LightWatch
 from cellctl.log import log
 from cellctl.machine import Command, Mode, State
 from cellctl.pictures import Pictures
 from cellctl.production import Production
 from cellctl.recipe import Recipe, list_recipes, load_recipe
-from cellctl.references import CameraCalibration, read_calibration, read_taught
+from cellctl.references import now
 from cellctl.sight import Sight
+from cellctl.standing import objections, standing_texts
 from cellctl.strict_toml import SettingsError
+from cellctl.taught import read_taught, taught_in_use
 from cellctl.teach import Teaching
+from cellctl.unit import Job
+from cellctl.verify import VerificationWork
+from cellctl.versions import accept, revert
+from cellctl.watch import Watch, begin_anew
 
 PERSON_WITHIN_S = 3600.0
 CHOSEN = "recipe-in-use"
+CHANGES_ALLOWED = {State.STOPPED, State.IDLE, State.ABORTED, State.COMPLETE}
 
 
 @dataclass
@@ -90,6 +106,21 @@ class Session:
     async def handle(self, request: Request) -> Mapping[str, object]:
         """Answer one request. Raises Declined or NotAllowed."""
         match request:
+            case StatusRequest():
+                return {**self.status(), **await self._standing()}
+            case CalibrationUseRequest():
+                return await self._use_calibration(request)
+            case DriftAnewRequest():
+                await self._drift_anew()
+            case TemperatureRequest():
+                await asyncio.to_thread(_enter_temperature, self._config, request.celsius)
+            case _:
+                self._act(request)
+        return self.status()
+
+    def _act(self, request: Request) -> None:
+        """What is done at once, without the disk."""
+        match request:
             case CommandRequest():
                 self._command(request.command)
             case ModeRequest():
@@ -100,13 +131,55 @@ class Session:
                 self._units = request.count
             case ProceedRequest():
                 self._person.proceed()
-            case CalibrateRequest() | TeachRequest():
+            case CalibrateRequest() | TeachRequest() | VerifyRequest() | HysteresisRequest():
                 self._maintain(request)
-        return self.status()
 
     def status(self) -> dict[str, object]:
         """Machine, recipe, and what a person is asked for."""
         return {**self.cell.status(), "recipe": self._chosen, "asks": self._person.asked}
+
+    async def _standing(self) -> dict[str, str]:
+        """Calibrations and golden assembly: in use since when, or why not. From the disk, so not for every request."""
+        try:
+            recipe = self._recipe()[1] if self._chosen else None
+        except Declined as error:
+            return {"golden assembly": str(error)}
+        return await asyncio.to_thread(standing_texts, self._config, recipe)
+
+    async def stale(self) -> list[str]:
+        """What a person should know of calibrations and golden assembly before starting."""
+        try:
+            recipe = self._recipe()[1] if self._chosen else None
+        except Declined as error:
+            return [str(error)]
+        return await asyncio.to_thread(objections, self._config, recipe)
+
+    async def _use_calibration(self, request: CalibrationUseRequest) -> Mapping[str, object]:
+        """Accept or revert, at rest only. The reply says what follows from it."""
+        if self.cell.state not in CHANGES_ALLOWED:
+            raise Declined(f"a calibration cannot change in {self.cell.state.title}; stop the cell first")
+        state = self._config.paths.state
+        try:
+            if request.what == "revert":
+                used = await asyncio.to_thread(revert, state, request.camera)
+            else:
+                used = await asyncio.to_thread(accept, state, request.camera, request.calibration)
+        except CellError as error:
+            raise Declined(str(error)) from error
+        log.info(f"{request.camera}: calibration {used.id} of {used.made} is in use from the next start on")
+        return {"camera": request.camera, "in use": used.id, "made": used.made, **await self._standing()}
+
+    async def _drift_anew(self) -> None:
+        """Forget the drift, at rest only: production keeps it in mind."""
+        if self.cell.state not in CHANGES_ALLOWED:
+            raise Declined(f"the drift is watched in {self.cell.state.title}; stop the cell first")
+        _, recipe = self._recipe()
+        try:
+            taught = await asyncio.to_thread(taught_in_use, self._config, recipe)
+            await asyncio.to_thread(begin_anew, self._config.paths.state, taught.id)
+        except CellError as error:
+            raise Declined(str(error)) from error
+        log.info(f"drift of {recipe.model} is watched anew from the next start on")
 
     def _command(self, command: Command) -> None:
         if command is Command.START and self.cell.state is State.IDLE:
@@ -115,19 +188,16 @@ class Session:
             self.cell.make_work = self._production
         self.cell.command(command)
 
-    def _maintain(self, request: CalibrateRequest | TeachRequest) -> None:
+    def _maintain(self, request: CalibrateRequest | TeachRequest | VerifyRequest | HysteresisRequest) -> None:
         if self.cell.state is not State.IDLE:
             raise Declined(f"this is possible in Idle only, the cell is in {self.cell.state.title}; reset it first")
         self._recipe()
         self.cell.set_mode(Mode.MAINTENANCE)
-        if isinstance(request, TeachRequest):
-            self.cell.make_work = partial(self._teaching, request.repeats)
-        else:
-            self.cell.make_work = partial(self._calibration, request.what)
+        self.cell.make_work = partial(self._maintenance, request)
         self.cell.command(Command.START)
 
     def _use(self, name: str) -> None:
-        if self.cell.state not in {State.STOPPED, State.IDLE, State.ABORTED, State.COMPLETE}:
+        if self.cell.state not in CHANGES_ALLOWED:
             raise Declined(f"the recipe cannot change in {self.cell.state.title}; stop the cell first")
         _load(self._config, name)
         self._chosen = name
@@ -139,19 +209,34 @@ class Session:
     def _production(self) -> Work:
         name, recipe = self._recipe()
         calibrations = self._calibrations()
+        taught = read_taught(self._config, recipe, calibrations)
         job = Job(
             config=self._config,
             name=name,
             recipe=recipe,
             calibrations=calibrations,
-            taught=read_taught(self._config, recipe, (calibrations[0].id, calibrations[1].id)),
+            taught=taught,
             hand=self._hand(recipe),
             sight=self._sight(recipe, calibrations),
             journal=self._journal,
+            watch=Watch.resumed(self._config.paths.state, recipe, taught.id),
+            light=LightWatch.resumed(self._config.paths.state, recipe, taught.id),
         )
         return Production(job, self._publish, self._units, self.cell.count)
 
-    def _teaching(self, repeats: int) -> Work:
+    def _maintenance(self, request: CalibrateRequest | TeachRequest | VerifyRequest | HysteresisRequest) -> Work:
+        """The job that was asked for."""
+        config, (_, recipe), publish = self._config, self._recipe(), self._publish
+        match request:
+            case TeachRequest():
+                return self._teaching(request.repeats, request.pairs)
+            case VerifyRequest():
+                return VerificationWork(config, request.camera, recipe, self._hand(recipe), publish)
+            case HysteresisRequest():
+                return HysteresisTest(config, recipe, self._hand(recipe), request.repeats, publish)
+        return Calibration(config, request.what, recipe, self._hand(recipe), publish)
+
+    def _teaching(self, repeats: int, pairs: int) -> Work:
         name, recipe = self._recipe()
         calibrations = self._calibrations()
         return Teaching(
@@ -162,13 +247,10 @@ class Session:
             hand=self._hand(recipe),
             sight=self._sight(recipe, calibrations),
             repeats=repeats,
+            pairs=pairs,
             ask=partial(self._person.ask, "teach", self._publish),
             publish=self._publish,
         )
-
-    def _calibration(self, what: What) -> Work:
-        _, recipe = self._recipe()
-        return Calibration(self._config, what, recipe, self._hand(recipe), self._publish)
 
     def _hand(self, recipe: Recipe) -> Hand:
         return Hand(self._devices, self._config.positions, recipe.motion, recipe.pick, recipe.place)
@@ -192,6 +274,10 @@ def _load(config: CellConfig, name: str) -> Recipe:
         return load_recipe(config.paths.recipes, name)
     except SettingsError as error:
         raise Declined("; ".join(error.lines)) from error
+
+
+def _enter_temperature(config: CellConfig, celsius: float) -> None:
+    Temperature(made_at=now(), celsius=celsius).save(Temperature.path(config.paths.state))
 
 
 def _read_chosen(config: CellConfig) -> str | None:

@@ -5,14 +5,18 @@ camera 2's map to the robot frame (it is bolted to the bench). So `tool_from_bas
 out of one picture each, without a camera frame in millimetres in between.
 """
 
+import math
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
 from cellctl.calibration.plane_map import PlaneMap
 from cellctl.config import CameraConfig
 from cellctl.geometry import Mm, Pose, Px, direction_deg
-from cellctl.recipe import Base, Battery, Recipe
+from cellctl.placement import straight_fit
+from cellctl.recipe import Recipe
+from cellctl.recipe_parts import Base, Battery
 from cellctl.vision.features import (
     BaseMeasurement,
     BatteryMeasurement,
@@ -52,27 +56,54 @@ def to_mm(plane: PlaneMap, points: Sequence[Px]) -> list[Mm]:
 
 def expect_base(plane: PlaneMap, base: Base, tool_from_base: Pose) -> tuple[ExpectedCircle, ExpectedEdge]:
     """Where hole and reference edge should appear when the base lies like this under the tool."""
+    hole = to_px(plane, [tool_from_base.point(0.0, 0.0)])[0]
+    circle = ExpectedCircle(hole, base.hole_radius_mm / plane.mm_per_px, base.hole == "dark")
+    return circle, expect_edge(plane, base, tool_from_base)
+
+
+def expect_edge(plane: PlaneMap, base: Base, tool_from_base: Pose) -> ExpectedEdge:
+    """Where the used stretch of the reference edge should appear."""
     y_mm = base.edge_distance_mm
     inside = Mm((base.edge_from_mm + base.edge_to_mm) / 2, y_mm - 1.0)
-    hole, start, end, inner = to_px(
-        plane,
-        [
-            tool_from_base.point(0.0, 0.0),
-            tool_from_base.point(base.edge_from_mm, y_mm),
-            tool_from_base.point(base.edge_to_mm, y_mm),
-            tool_from_base.point(*inside),
-        ],
-    )
-    circle = ExpectedCircle(hole, base.hole_radius_mm / plane.mm_per_px, base.hole == "dark")
-    base_is_left = _is_left(start, end, inner)
-    edge = ExpectedEdge(start, end, base_is_left == (base.edge_bright_side == "base"))
-    return circle, edge
+    points = (Mm(base.edge_from_mm, y_mm), Mm(base.edge_to_mm, y_mm), inside)
+    start, end, inner = to_px(plane, [tool_from_base.point(*point) for point in points])
+    base_is_left = is_left(start, end, inner)
+    return ExpectedEdge(start, end, base_is_left == (base.edge_bright_side == "base"))
 
 
 def base_pose(plane: PlaneMap, seen: BaseMeasurement) -> Pose:
     """tool_from_base: origin in the hole, x along the reference edge."""
     hole, start, end = to_mm(plane, [seen.circle.centre, seen.edge.start, seen.edge.end])
     return Pose(hole.x_mm, hole.y_mm, direction_deg(start, end))
+
+
+class Deviation(NamedTuple):
+    """How one stretch of an edge lies against the line of another: along its normal, and turned."""
+
+    offset_mm: float
+    turn_rad: float
+
+
+def second_edge(
+    plane: PlaneMap, base: Base, robot_from_base: Pose, edges: tuple[Edge, Edge], mounts: tuple[Pose, Pose]
+) -> Deviation:
+    """How the second stretch of the reference edge, at its middle, deviates from the line of the first one.
+
+    `edges` are the two stretches as measured, `mounts` where the frame of camera 1's map was at each look
+    (robot_from_mount); `robot_from_base` is what the first look gave.
+    """
+    (_, height_mm), _ = _edge_from(robot_from_base, plane, edges[0], mounts[0])
+    (x_mm, y_mm), (end_x_mm, end_y_mm) = _edge_from(robot_from_base, plane, edges[1], mounts[1])
+    slope = (end_y_mm - y_mm) / (end_x_mm - x_mm)
+    middle_mm = base.second_view.view_x_mm
+    return Deviation(y_mm + slope * (middle_mm - x_mm) - height_mm, math.atan(slope))
+
+
+def _edge_from(robot_from_base: Pose, plane: PlaneMap, edge: Edge, robot_from_mount: Pose) -> tuple[Mm, Mm]:
+    """Both ends of a measured edge in the frame of the base."""
+    base_from_mount = robot_from_base.inverse() @ robot_from_mount
+    start, end = (base_from_mount.point(*point) for point in to_mm(plane, [edge.start, edge.end]))
+    return start, end
 
 
 # -- camera 2: the battery --------------------------------------------------------------------------------
@@ -101,8 +132,8 @@ def expect_battery(plane: PlaneMap, battery: Battery, robot_from_battery: Pose) 
     )
     is_bright = battery.bright == "battery"
     return (
-        ExpectedEdge(start, end_x, _is_left(start, end_x, inner) == is_bright),
-        ExpectedEdge(start, end_y, _is_left(start, end_y, inner) == is_bright),
+        ExpectedEdge(start, end_x, is_left(start, end_x, inner) == is_bright),
+        ExpectedEdge(start, end_y, is_left(start, end_y, inner) == is_bright),
     )
 
 
@@ -130,23 +161,43 @@ def direction_edge(battery: Battery, seen: BatteryMeasurement) -> Edge:
 
 
 def search_px(plane: PlaneMap, part: Base | Battery) -> Search:
-    """How far from its expected place a part is looked for."""
-    return Search(part.search_mm / plane.mm_per_px, part.search_deg)
+    """How far from its expected place a part's mark is looked for: the hole of a base, the corner of a battery.
+
+    A base is judged where its seat is, and a turn about the seat moves the hole.
+    """
+    lever_mm = math.hypot(part.seat_x_mm, part.seat_y_mm) if isinstance(part, Base) else 0.0
+    reach_mm = part.search_mm + lever_mm * math.sin(math.radians(part.search_deg))
+    return Search(reach_mm / plane.mm_per_px, part.search_deg)
 
 
 def limits_px(plane: PlaneMap, recipe: Recipe) -> Limits:
     """The recipe's plausibility limits in pixels."""
     limits, px_per_mm = recipe.limits, 1.0 / plane.mm_per_px
+    form_mm, form_deg = _form(recipe)
     return Limits(
+        max_residual_px=math.hypot(Limits.max_residual_px, 3.0 * form_mm * px_per_mm),
+        max_angle_sd_deg=math.hypot(limits.max_angle_sd_deg, 3.0 * form_deg),
         radius_px=limits.hole_radius_tolerance_mm * px_per_mm,
         hole_to_edge_px=recipe.base.edge_distance_mm * px_per_mm,
         hole_to_edge_tolerance_px=limits.edge_distance_tolerance_mm * px_per_mm,
         squareness_deg=limits.squareness_deg,
         min_contrast=limits.min_contrast,
+        max_blur_px=limits.max_blur_px,
+        min_inliers=limits.min_outline,
+        max_saturated=limits.max_overexposed,
+        max_rival=limits.max_rival,
         corner_skip_px=recipe.battery.edge_skip_mm * px_per_mm,
     )
 
 
-def _is_left(start: Px, end: Px, point: Px) -> bool:
+def _form(recipe: Recipe) -> tuple[float, float]:
+    """One sigma of the stated form error of edges, mm, and of what it turns the shortest one by, deg."""
+    stated, battery, base = recipe.placement, recipe.battery, recipe.base
+    form_mm = max(stated.base_form_um, stated.battery_form_um) / 1000
+    shortest_mm = min(battery.edge_x_mm, battery.edge_y_mm, base.edge_to_mm - base.edge_from_mm)
+    return form_mm, math.degrees(math.sqrt(straight_fit(shortest_mm, form_mm, stated.form_length_mm)[1, 1]))
+
+
+def is_left(start: Px, end: Px, point: Px) -> bool:
     """Whether a point is on the left hand of somebody walking start -> end on the screen (v runs down)."""
     return (end.u - start.u) * (point.v - start.v) - (end.v - start.v) * (point.u - start.u) < 0

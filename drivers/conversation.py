@@ -8,9 +8,10 @@ import asyncio
 import contextlib
 from collections.abc import Coroutine
 
-from drivers.errors import DeviceError, Garbled, NoAnswer, Refused
+from drivers.errors import Collision, DeviceError, Garbled, NoAnswer, Refused
 from drivers.link import LineLink
 from drivers.rcx import STOP, Code, Kind, classify, parse_failure
+from drivers.rcx_codes import COLLISIONS
 
 ANSWER_S = 1.0
 STOP_S = 2.0
@@ -230,7 +231,7 @@ class Conversation:
         if code is None:
             waiting.fail(self.garbled(waiting.line, [line]))
         else:
-            waiting.fail(Refused(self.device, str(code), f"{waiting.line}: {code.meaning}"))
+            waiting.fail(refusal(self.device, str(code), f"{waiting.line}: {code.meaning}"))
 
     def _who_failed(self, code: Code | None) -> _Question | _Operation | None:
         question, operation = self._question, self._operation
@@ -240,6 +241,11 @@ class Conversation:
             # a stop may still be reported for a motion that an earlier conversation had begun
             return None if code is not None and code.group == EVENT_GROUP else question
         return question if code is not None and _of_question(code) and not question.data else operation
+
+
+def refusal(device: str, code: str, detail: str) -> Refused:
+    """The error for a code of the controller; what the arm reports when it hits something is told apart."""
+    return (Collision if code in COLLISIONS else Refused)(device, code, detail)
 
 
 def _of_question(code: Code) -> bool:

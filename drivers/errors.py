@@ -36,6 +36,10 @@ class Refused(DeviceError):
         self.code = code
 
 
+class Collision(Refused):
+    """The arm was stopped by something: overload, or away from where it should be."""
+
+
 class Mismatch(DeviceError):
     """This is not the device, the version or the session that the configuration names."""
 

@@ -166,6 +166,9 @@ CODES = {
     (22, 816): "controller too hot",
 }
 
+COLLISIONS = frozenset({"17.800", "17.801", "17.910", "17.911", "17.912", "17.915"})
+"""Overload and deviation of a motor: the arm has most likely hit something, and may not stand where it says."""
+
 
 def meaning(group: int, number: int) -> str:
     """One readable phrase for any code, known or not."""

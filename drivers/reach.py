@@ -34,7 +34,7 @@ class Limits:
             ("z", to.z_mm, self.z_min_mm, self.z_max_mm, "mm"),
             ("r", to.r_deg, self.r_min_deg, self.r_max_deg, "deg"),
         )
-        return _outside(to, ranges) or _outside(to, self._axes(to, reach_mm, hand))
+        return _outside(to, ranges) or _outside(to, self._axes(to, hand))
 
     def objection_to_line(self, start: Point, to: Point) -> str:
         """Why the straight way between two allowed points is out of bounds; "" when it is not."""
@@ -50,17 +50,21 @@ class Limits:
             f"inside the inner reach of {self.inner_reach_mm:g} mm"
         )
 
-    def _axes(self, to: Point, reach_mm: float, hand: int) -> tuple[tuple[str, float, float, float, str], ...]:
-        a, b = self.arm_1_mm, self.arm_2_mm
-        cosine = min(max((reach_mm**2 - a * a - b * b) / (2 * a * b), -1.0), 1.0)
-        axis_2 = math.acos(cosine) * (1 if hand == RIGHTY else -1)
-        elbow = math.atan2(b * math.sin(axis_2), a + b * cosine)
-        axis_1_deg = math.degrees(math.remainder(math.atan2(to.y_mm, to.x_mm) - elbow, math.tau))
-        axis_4_deg = to.r_deg - axis_1_deg - math.degrees(axis_2)
+    def _axes(self, to: Point, hand: int) -> tuple[tuple[str, float, float, float, str], ...]:
+        axis_1_deg, axis_2_deg = arm_angles_deg(to.x_mm, to.y_mm, (self.arm_1_mm, self.arm_2_mm), hand=hand)
         return (
             ("axis 1", axis_1_deg, -self.axis_1_deg, self.axis_1_deg, "deg"),
-            ("axis 4", axis_4_deg, -self.axis_4_deg, self.axis_4_deg, "deg"),
+            ("axis 4", to.r_deg - axis_1_deg - axis_2_deg, -self.axis_4_deg, self.axis_4_deg, "deg"),
         )
+
+
+def arm_angles_deg(x_mm: float, y_mm: float, arms_mm: tuple[float, float], *, hand: int) -> tuple[float, float]:
+    """Axes 1 and 2 with the second arm's end at X, Y; a place out of reach is taken as the nearest in its direction."""
+    a, b = arms_mm
+    cosine = min(max((x_mm**2 + y_mm**2 - a * a - b * b) / (2 * a * b), -1.0), 1.0)
+    axis_2 = math.acos(cosine) * (1 if hand == RIGHTY else -1)
+    elbow = math.atan2(b * math.sin(axis_2), a + b * cosine)
+    return math.degrees(math.remainder(math.atan2(y_mm, x_mm) - elbow, math.tau)), math.degrees(axis_2)
 
 
 def _outside(to: Point, ranges: tuple[tuple[str, float, float, float, str], ...]) -> str:

@@ -12,7 +12,7 @@ from collections.abc import Callable
 from typing import TypeVar
 
 from drivers import rcx
-from drivers.conversation import Conversation, uncancelled
+from drivers.conversation import Conversation, refusal, uncancelled
 from drivers.errors import DeviceError, LinkLost, Mismatch, NoAnswer, Refused
 from drivers.rcx import LEFTY, RIGHTY, Point, Position, RobotStatus
 from drivers.reach import Limits
@@ -30,6 +30,8 @@ AUTOMATIC_SPEED_PCT = 100  # each move says its own share of it
 # Deadlines: full speeds that even a heavily loaded arm keeps, time to start and stop, and the controller's slack.
 SURE_MM_PER_S, SURE_LINE_MM_PER_S, SURE_Z_MM_PER_S, SURE_DEG_PER_S = 600.0, 300.0, 300.0, 200.0
 RAMPS_S, SLACK_S = 1.0, 2.0
+ELBOW_SWING_DEG = 360.0  # an elbow that changes sides: both arms, and the tool which turns back
+LONGEST_TEXT = 200
 OPEN_PAUSES_S = (0.05, 0.1, 0.2, 0.4, 0.0)  # the controller may not have noticed that its last client left
 
 
@@ -45,6 +47,12 @@ class Robot:
         self._status: RobotStatus | None = None
         self._position: Position | None = None
         self._prepared = False
+        self._unfinished = False
+
+    @property
+    def unfinished(self) -> bool:
+        """Whether a motion is under way, or the last one did not reach its target."""
+        return self._unfinished
 
     @property
     def is_open(self) -> bool:
@@ -81,6 +89,18 @@ class Robot:
         """Where the arm is, also while it moves."""
         return (await self._read_position()).point
 
+    async def posture(self) -> Position:
+        """Where the arm is and on which side its elbow (`hand`), also while it moves."""
+        return await self._read_position()
+
+    async def identity(self) -> str:
+        """What the controller tells of itself, for records: version and robot. The protocol knows no serial number."""
+        told = []
+        for what in ("VER", "CONFIG"):
+            with contextlib.suppress(Refused):  # firmware that does not know the question
+                told += [_printable(line) for line in await self._talk.ask(rcx.query(what))]
+        return ", ".join(told) or "does not say"
+
     async def power_on(self) -> None:
         """Motor power and servo on. Raises Refused, NoAnswer, LinkLost, Garbled."""
         async with self._turn:
@@ -100,22 +120,25 @@ class Robot:
             await self._operate("ALMRST", within_s=POWER_S)
             status = await self._read_status()
             if status.alarm:
-                raise Refused(self.device, status.alarm, f"the alarm stands: {status.why_not_ready}")
+                raise refusal(self.device, status.alarm, f"the alarm stands: {status.why_not_ready}")
 
-    async def move(self, to: Point, *, speed_pct: int, straight: bool = False) -> Point:
+    async def move(self, to: Point, *, speed_pct: int, straight: bool = False, hand: int | None = None) -> Point:
         """Move point to point (or on a line) and return the position read back, within 0.02 mm and 0.02 deg.
 
+        The elbow goes to the side of `hand` (RIGHTY, LEFTY), which only a motion point to point can change.
         A target outside `limits` or a robot that is not ready raises Refused before anything is sent; else Refused
         (the controller's code), NoAnswer (deadline, or not at the target), LinkLost, Garbled. When cancelled it
         stops the arm, waits until it stands, and lets the cancellation go on.
         """
         async with self._turn:
-            self._check_target(to, speed_pct, straight)
+            hand = hand or self._hand
+            self._check_target(to, speed_pct, straight, hand)
             await self._be_ready()
-            line = rcx.move(to, hand=self._hand, speed_pct=speed_pct, straight=straight)
+            line = rcx.move(to, hand=hand, speed_pct=speed_pct, straight=straight)
+            self._unfinished = True
             try:
-                await self._talk.operate(line, within_s=self._longest_s(to, speed_pct, straight))
-                return await self._arrived(line, to)
+                await self._talk.operate(line, within_s=self._longest_s(to, speed_pct, straight, hand))
+                there = await self._arrived(line, to, hand)
             except asyncio.CancelledError:
                 self._status = None
                 await uncancelled(self._stand_or_hang_up())
@@ -123,6 +146,8 @@ class Robot:
             except DeviceError:
                 self._status = None  # whatever it was, ask again before the next motion
                 raise
+            self._unfinished = False
+            return there
 
     async def halt(self) -> None:
         """Stop the arm at once, out of turn. The move under way raises Refused. Raises LinkLost."""
@@ -160,10 +185,10 @@ class Robot:
 
     # -- moving ------------------------------------------------------------------------------------------
 
-    def _check_target(self, to: Point, speed_pct: int, straight: bool) -> None:
+    def _check_target(self, to: Point, speed_pct: int, straight: bool, hand: int) -> None:
         if not 1 <= speed_pct <= 100:
             raise Refused(self.device, "speed", f"speed {speed_pct} % is outside 1 .. 100 %")
-        objection = self.limits.objection(to, hand=self._hand)
+        objection = self.limits.objection(to, hand=hand)
         if not objection and straight and self._position is not None:
             objection = self.limits.objection_to_line(self._position.point, to)
         if objection:
@@ -173,28 +198,29 @@ class Robot:
         if self._status is None or not self._status.ready:
             status = await self._read_status()
             if not status.ready:
-                raise Refused(self.device, status.alarm or "not ready", status.why_not_ready)
+                raise refusal(self.device, status.alarm or "not ready", status.why_not_ready)
         await self._prepare()
         if self._position is None:
             await self._read_position()
 
-    def _longest_s(self, to: Point, speed_pct: int, straight: bool) -> float:
+    def _longest_s(self, to: Point, speed_pct: int, straight: bool, hand: int) -> float:
         """The time after which the move has failed: distance over a speed that is surely reached, ramps, slack."""
         start = self._position.point if self._position is not None else to
         across_mm = math.dist(start[:2], to[:2])
+        swing_deg = 0.0 if self._position is None or self._position.hand == hand else ELBOW_SWING_DEG
         full_s = max(
             across_mm / (SURE_LINE_MM_PER_S if straight else SURE_MM_PER_S),
             abs(to.z_mm - start.z_mm) / SURE_Z_MM_PER_S,
             # the tool's axis also turns back what the arms turn it by
-            (abs(to.r_deg - start.r_deg) + across_mm) / SURE_DEG_PER_S,
+            (abs(to.r_deg - start.r_deg) + across_mm + swing_deg) / SURE_DEG_PER_S,
         )
         return full_s * (100 / speed_pct) + RAMPS_S + SLACK_S
 
-    async def _arrived(self, line: str, to: Point) -> Point:
+    async def _arrived(self, line: str, to: Point, hand: int) -> Point:
         deadline_s = asyncio.get_running_loop().time() + SETTLE_S
         while True:
             position = await self._read_position()
-            if _at(position, to, self._hand):
+            if _at(position, to, hand):
                 return position.point
             if asyncio.get_running_loop().time() > deadline_s:
                 side = {RIGHTY: "righty", LEFTY: "lefty"}.get(position.hand, "unknown")
@@ -255,6 +281,12 @@ class Robot:
     def _forget(self) -> None:
         self._status = self._position = None
         self._prepared = False
+
+
+def _printable(line: str) -> str:
+    """A line of text as it may go into a record."""
+    letters = line.strip()[:LONGEST_TEXT]
+    return "".join(letter if letter.isascii() and letter.isprintable() else "?" for letter in letters)
 
 
 def _at(position: Position, to: Point, hand: int) -> bool:

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simulators.optics import Optics, Points
-from simulators.shapes import Floats, Placed, Shape, Stroke
+from simulators.shapes import Floats, Placed, Polygon, Shape, Stroke
 
 Singles: TypeAlias = NDArray[np.float32]
 Places: TypeAlias = NDArray[np.intp]
@@ -37,6 +37,7 @@ class Traced(NamedTuple):
     level: float
     texture: float
     half_px: float | None  # half the width of a stroke; None: an area
+    over: float | None  # level of the area inside which it lies; None: whatever is there
 
 
 class Band(NamedTuple):
@@ -89,7 +90,8 @@ def trace(shapes: Sequence[Shape], optics: Optics) -> list[Traced]:
             half = 0.5 * shape.width_mm * optics.px_per_mm if isinstance(shape, Stroke) else None
             size = contour.points.shape
             line, way = points[part].reshape(size), directions[part].reshape(size)
-            traced.append(Traced(line, way, shape.level, shape.texture, half))
+            over = shape.over if isinstance(shape, Polygon) else None
+            traced.append(Traced(line, way, shape.level, shape.texture, half, over))
     return traced
 
 

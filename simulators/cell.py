@@ -3,14 +3,18 @@
 import asyncio
 from contextlib import AsyncExitStack
 from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
 from types import TracebackType
-from typing import Protocol, Self
+from typing import Literal, Protocol, Self
 
 from simulators.eyes import Eye
 from simulators.gige import GigeCameraServer
 from simulators.plc import PlcServer
-from simulators.robot import RobotController
+from simulators.robot import RobotController, Wiring
 from simulators.world import World
+
+VACUUM_SWITCH_KPA = -40.0
 
 
 @dataclass(frozen=True)
@@ -24,6 +28,7 @@ class Addresses:
     camera_1: str = "127.0.0.2"
     camera_2: str = "127.0.0.3"
     robot_serial_baud: int | None = None  # also on a serial line (a pseudo terminal), paced like this baud rate
+    robot_dialect: Literal["rcx3", "rcx2"] = "rcx3"  # an RCX340, or an RCX240
 
 
 class Server(Protocol):
@@ -36,19 +41,29 @@ class Server(Protocol):
         """Stop listening."""
 
 
-class SimulatedCell:
-    """All devices of one cell; an async context manager."""
+def robot_wiring(world: World) -> Wiring:
+    """The robot's own vacuum: valve at DO20, switch at DI20. A cell may use them instead of the PLC's."""
+    return Wiring(
+        inputs={(2, 0): lambda: world.vacuum_kpa() < VACUUM_SWITCH_KPA},
+        outputs={(2, 0): partial(world.valve, by="robot")},
+    )
 
-    def __init__(self, world: World, addresses: Addresses) -> None:
+
+class SimulatedCell:
+    """All devices of one cell; an async context manager. `album` is a folder that gets every picture that is taken."""
+
+    def __init__(self, world: World, addresses: Addresses, album: Path | None = None) -> None:
         self.world = world
         self.plc = PlcServer(world, host=addresses.plc_host, port=addresses.plc_port)
         self.robot = RobotController(
             world,
+            dialect=addresses.robot_dialect,
             host=addresses.robot_host,
             port=addresses.robot_port,
             serial_baud=addresses.robot_serial_baud,
+            wiring=robot_wiring(world),
         )
-        self._eyes = Eye(world, 1), Eye(world, 2)
+        self._eyes = Eye(world, 1, album), Eye(world, 2, album)
         self.cameras = {
             number: GigeCameraServer(address, f"SIM-CAM-{number}", eye, world.clock, name=f"camera {number}")
             for number, (address, eye) in enumerate(

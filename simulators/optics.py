@@ -36,6 +36,7 @@ class Optics:
     noise: float = 2.5  # grey levels, one sigma
     black: float = 6.0  # grey level of no light
     light: Light = Light()
+    lean: tuple[float, float] = (0.0, 0.0)  # mm by which a thing seems to be off per mm that it is nearer than in focus
 
     @classmethod
     def aimed(

@@ -20,11 +20,13 @@ BACKGROUND = 45.0
 BODY = 130.0
 HOLE = 30.0
 POCKET = 95.0
+SLIT = 32.0  # of the pocket beside a battery in it: hardly any light gets down there
 FOIL = 145.0
 CARD = 185.0
 WALL_MM = 5.0  # of the base around its seat
 SIDE_MM = 14.0  # the base reaches at least so far to either side of its hole
 Part: TypeAlias = tuple[Shape, ...]
+ROUNDED_MM = 3.0  # so far from its corners an outline is what the drawing says
 FORM_STEP_MM = 1.0  # between samples of an edge's form error
 
 
@@ -39,6 +41,7 @@ class BaseDrawing:
     seat_t_deg: float = 0.0
     seat_width_mm: float = 53.2
     seat_height_mm: float = 85.2
+    edge_reach_mm: tuple[float, float] = (0.0, 0.0)  # the reference edge is straight at least from here to there
     form_sd_mm: float = 0.0  # straightness error of the reference edge
     form_seed: int = 0
 
@@ -77,13 +80,13 @@ def scene(*things: tuple[Part, Place], background: float = BACKGROUND) -> Scene:
 
 
 @lru_cache(maxsize=8)
-def base(drawing: BaseDrawing) -> Part:
-    """The base with its seat, hole, chamfer, groove and two windows."""
+def base(drawing: BaseDrawing, pocket: float = POCKET) -> Part:
+    """The base with its seat (at level `pocket`), hole, chamfer, groove and two windows."""
     r, edge = drawing.hole_radius_mm, drawing.edge_distance_mm
     groove = np.array([[-SIDE_MM + 1.5, edge - 1.0], [SIDE_MM - 1.5, edge - 1.0]])
     return (
         _body(drawing),
-        _pocket(drawing),
+        _pocket(drawing, pocket),
         Polygon(np.concatenate([groove, groove[::-1] - (0.0, 0.15)]), 95.0),
         Polygon(_rectangle(r + 2.1, -1.2, r + 4.3, 2.6), BACKGROUND, radius_mm=0.5),
         Polygon(_rectangle(-r - 3.6, -2.4, -r - 2.2, 2.0), BACKGROUND, radius_mm=0.3),
@@ -94,20 +97,35 @@ def base(drawing: BaseDrawing) -> Part:
 
 
 @lru_cache(maxsize=8)
-def battery(drawing: BatteryDrawing) -> Part:
-    """The battery with the seam of its wrap and some print."""
+def battery(drawing: BatteryDrawing, over: float | None = None) -> Part:
+    """The battery with the seam of its wrap and some print; `over`: the plain level that surrounds all of it."""
     w, h = drawing.width_mm / 2, drawing.height_mm / 2
     rng = np.random.default_rng(drawing.form_seed)
     outline = _wavy(_rectangle(-w, -h, w, h), drawing.form_sd_mm, rng)
     seam = _rectangle(0.6 - w, 0.6 - h, w - 0.6, h - 0.6)
     shapes: list[Shape] = [
-        Polygon(outline, FOIL, radius_mm=drawing.corner_radius_mm, texture=1.5),
+        Polygon(outline, FOIL, radius_mm=drawing.corner_radius_mm, texture=1.5, over=over),
         Stroke(np.concatenate([seam, seam[:1]]), 0.07, 122.0),
     ]
     for i, j in ((-1, -1), (1, -1), (1, 1), (-1, 1)):
         corner = np.array([i * w, j * h])
         shapes += [Stroke(corner - stroke * (i, j), 0.09, 70.0) for stroke in _print()]
     return tuple(shapes)
+
+
+def assembly(base_drawing: BaseDrawing, battery_drawing: BatteryDrawing, seat_from_battery: Place) -> Part:
+    """A base with a battery in its seat: round the battery a narrow dark slit is left of the pocket."""
+    seat = Place(base_drawing.seat_x_mm, base_drawing.seat_y_mm, base_drawing.seat_t_deg)
+    lies_inside = _lies_inside(base_drawing, battery_drawing, seat_from_battery)
+    held = battery(battery_drawing, SLIT if lies_inside else None)
+    return (*base(base_drawing, SLIT), *placed(held, seat @ seat_from_battery))
+
+
+def _lies_inside(seat: BaseDrawing, battery: BatteryDrawing, seat_from_battery: Place) -> bool:
+    """Whether a battery touches the walls of its seat nowhere."""
+    w, h = battery.width_mm / 2, battery.height_mm / 2
+    corners = np.array([seat_from_battery.point(*corner) for corner in _rectangle(-w, -h, w, h)])
+    return bool(np.all(np.abs(corners) < (seat.seat_width_mm / 2, seat.seat_height_mm / 2)))
 
 
 @lru_cache(maxsize=8)
@@ -123,16 +141,18 @@ def dot_plate(drawing: PlateDrawing = PlateDrawing()) -> Part:
 
 def _body(drawing: BaseDrawing) -> Polygon:
     half_w, half_h = drawing.seat_width_mm / 2 + WALL_MM, drawing.seat_height_mm / 2 + WALL_MM
-    left, right = min(-SIDE_MM, drawing.seat_x_mm - half_w), max(SIDE_MM, drawing.seat_x_mm + half_w)
+    first, last = drawing.edge_reach_mm
+    left = min(-SIDE_MM, drawing.seat_x_mm - half_w, first - ROUNDED_MM)
+    right = max(SIDE_MM, drawing.seat_x_mm + half_w, last + ROUNDED_MM)
     outline = _rectangle(left, min(-10.0, drawing.seat_y_mm - half_h), right, drawing.edge_distance_mm)
     rng = np.random.default_rng(drawing.form_seed)
     return Polygon(_wavy(outline, drawing.form_sd_mm, rng), BODY, radius_mm=1.5, texture=1.5)
 
 
-def _pocket(drawing: BaseDrawing) -> Placed:
+def _pocket(drawing: BaseDrawing, level: float) -> Placed:
     w, h = drawing.seat_width_mm / 2, drawing.seat_height_mm / 2
     seat = Place(drawing.seat_x_mm, drawing.seat_y_mm, drawing.seat_t_deg)
-    return Placed(Polygon(_rectangle(-w, -h, w, h), POCKET, radius_mm=0.5), seat)
+    return Placed(Polygon(_rectangle(-w, -h, w, h), level, radius_mm=0.5), seat)
 
 
 def _rectangle(left: float, low: float, right: float, high: float) -> Points:

@@ -63,6 +63,7 @@ def _product(recipe: dict[str, Any]) -> Product:
             seat_t_deg=float(base["seat_t_deg"]),
             seat_width_mm=float(battery["width_mm"]) + 2 * gap_mm,
             seat_height_mm=float(battery["height_mm"]) + 2 * gap_mm,
+            edge_reach_mm=(float(base.get("second_edge_from_mm", 0.0)), float(base.get("second_edge_to_mm", 0.0))),
         ),
         battery=BatteryDrawing(width_mm=float(battery["width_mm"]), height_mm=float(battery["height_mm"])),
         mark=CORNERS.index(battery["corner"]),

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import cv2
 import numpy as np
@@ -77,37 +77,52 @@ def _paint(canvas: Canvas, outline: Traced, edges: list[Band], exposure: float, 
     flat, level = canvas.reshape(-1), _fine(outline.level * exposure)
     edges = [edge for edge in edges if edge.places.size]
     before = [flat.take(edge.places, mode="clip").astype(np.float32) for edge in edges]
-    grain = _grain(canvas.shape, outline.texture * exposure, rng) if level > TEXTURE_OFFSET * FINE else None
+    grain = _grain(canvas.shape, outline.texture, rng)
+    surface = None if grain is None else _Surface(grain, exposure, level - TEXTURE_OFFSET * FINE * exposure)
     if outline.half_px is None:
-        _fill(canvas, outline, level, grain)
+        _fill(canvas, outline, level, surface)
     for edge, old in zip(edges, before, strict=True):
-        new = np.float32(level) if grain is None else _surface(grain.reshape(-1).take(edge.places, mode="clip"), level)
-        flat[edge.places] = _blended(old, new, edge.cover)
+        new = np.float32(level) if surface is None else surface.at(edge.places)
+        under = old if outline.over is None else np.float32(_fine(outline.over * exposure))
+        flat[edge.places] = _blended(old, np.subtract(new, under), edge.cover)
 
 
-def _blended(old: Singles, new: Singles | np.float32, cover: Singles) -> Canvas:
-    change = np.subtract(new, old)
+def _blended(old: Singles, change: Singles, cover: Singles) -> Canvas:
+    """`old`, changed as far as it is covered."""
     change *= cover
     change += old
     change += np.float32(0.5)
     return change.astype(np.uint16)
 
 
-def _surface(grain: Canvas, level: int) -> Singles:
-    return grain.astype(np.float32) + np.float32(level - TEXTURE_OFFSET * FINE)
+class _Surface(NamedTuple):
+    """A surface with texture: grain as under full light, how bright the light is, and what the grain stands on."""
+
+    grain: Canvas
+    light: float
+    ground: float  # fine steps
+
+    def at(self, places: NDArray[np.intp]) -> Singles:
+        """Its levels at flat places of the canvas."""
+        return self.grain.reshape(-1).take(places, mode="clip") * np.float32(self.light) + np.float32(self.ground)
+
+    def rows(self, rows: slice) -> Canvas:
+        """Its levels in whole rows of the canvas."""
+        grain = self.grain[rows]
+        return np.asarray(cv2.addWeighted(grain, self.light, grain, 0.0, self.ground), np.uint16)
 
 
-def _fill(canvas: Canvas, outline: Traced, level: int, grain: Canvas | None) -> None:
+def _fill(canvas: Canvas, outline: Traced, level: int, surface: _Surface | None) -> None:
     loops = list(np.rint(outline.points + MARGIN_PX).astype(np.int32))
-    if grain is None:
+    if surface is None:
         cv2.fillPoly(canvas, loops, (level,))
         return
     mask = np.zeros(canvas.shape, np.uint8)
     cv2.fillPoly(mask, loops, (255,))
     first, last = (int(np.clip(edge(outline.points[..., 1]) + MARGIN_PX, 0, len(canvas))) for edge in (np.min, np.max))
-    for row in range(first, last + 1, STRIP_ROWS):
+    for row in range(first, min(last + 1, len(canvas)), STRIP_ROWS):
         rows = slice(row, row + STRIP_ROWS)
-        cv2.copyTo(grain[rows] + np.uint16(level - TEXTURE_OFFSET * FINE), mask[rows], canvas[rows])
+        cv2.copyTo(surface.rows(rows), mask[rows], canvas[rows])
 
 
 def _exposed(light: Canvas, optics: Optics, rng: np.random.Generator) -> Pixels:
@@ -151,7 +166,7 @@ def _texture_bank(sd: float, rows: int, columns: int) -> Canvas:
 
 
 def _grain(shape: tuple[int, ...], texture: float, rng: np.random.Generator) -> Canvas | None:
-    """A random piece of texture of the canvas' shape, in quarters of a grey level's sigma."""
+    """A random piece of texture of the canvas' shape under full light, in quarters of a grey level's sigma."""
     sd = round(texture * 4.0) / 4.0
     if sd <= 0.0:
         return None

@@ -43,12 +43,17 @@ def _circles(centres: Points, radii: Floats) -> Contour:
 
 @dataclass(frozen=True, eq=False)
 class Polygon:
-    """A filled polygon (n, 2) in mm, either way round; `radius_mm` rounds its vertices, texture is up to 2.5."""
+    """A filled polygon (n, 2) in mm, either way round; `radius_mm` rounds its vertices, texture is up to 2.5.
+
+    `over`: the plain level of the area inside which it wholly lies. Then edges of that area which are nearer to its
+    own than the blur reaches come out right as well.
+    """
 
     points: Points
     level: float
     radius_mm: float = 0.0
     texture: float = 0.0  # grey levels, one sigma
+    over: float | None = None
 
     @cached_property
     def contour(self) -> Contour:

@@ -51,7 +51,13 @@ def made_base(product: Product, station: Place, delivery: Delivery, carrier_id: 
         product.base.seat_width_mm + delivery.sizes.seat_width_mm,
         product.base.seat_height_mm + delivery.sizes.seat_height_mm,
     )
-    made = replace(product.base, seat_width_mm=seat.width_mm, seat_height_mm=seat.height_mm)
+    made = replace(
+        product.base,
+        seat_width_mm=seat.width_mm,
+        seat_height_mm=seat.height_mm,
+        form_sd_mm=delivery.form.base_mm,
+        form_seed=2 * delivery.form.seed,
+    )
     return Base(moved @ station, delivery, carrier_id, seat, made)
 
 
@@ -64,5 +70,11 @@ def made_battery(product: Product, table: Place, delivery: Delivery) -> Battery:
         product.outline.width_mm + delivery.sizes.battery_width_mm,
         product.outline.height_mm + delivery.sizes.battery_height_mm,
     )
-    made = replace(product.battery, width_mm=size.width_mm, height_mm=size.height_mm)
+    made = replace(
+        product.battery,
+        width_mm=size.width_mm,
+        height_mm=size.height_mm,
+        form_sd_mm=delivery.form.battery_mm,
+        form_seed=2 * delivery.form.seed + 1,
+    )
     return Battery(size, made, "table", moved @ table, delivery.battery)

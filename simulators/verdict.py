@@ -26,6 +26,7 @@ class Fit:
 
     clearance_mm: float
     corner_errors_mm: tuple[float, float, float, float]
+    off_corners_mm: tuple[float, float, float, float]
 
     @property
     def good(self) -> bool:
@@ -36,6 +37,11 @@ class Fit:
     def worst_mm(self) -> float:
         """Placement error: the largest distance of a corner from where the ideal battery has it."""
         return max(self.corner_errors_mm)
+
+    @property
+    def off_mm(self) -> float:
+        """The largest distance of a true corner from where it would be if this very battery lay in the middle."""
+        return max(self.off_corners_mm)
 
 
 @dataclass(frozen=True)
@@ -57,7 +63,8 @@ def fit(seat: Rectangle, battery: Rectangle, drawing: Rectangle, mark: int, seat
     The clearance is exact for a rigid rectangle in a rectangular pocket: the pocket is convex, so the battery is
     inside when its four corners are. The placement error compares what can be seen of the battery, its corner
     number `mark` and the edges there, with a battery made to the drawing and seated in the middle; so a battery
-    that is a little too long is not counted as a misplaced one.
+    that is a little too long is not counted as a misplaced one. `off_corners_mm` counts that too: they compare this
+    very battery with itself in the middle of the seat.
     """
     inside = [
         min(seat.width_mm / 2 - abs(x), seat.height_mm / 2 - abs(y))
@@ -68,4 +75,5 @@ def fit(seat: Rectangle, battery: Rectangle, drawing: Rectangle, mark: int, seat
     for ideal_x, ideal_y in drawing.corners():
         x, y = seat_from_battery.point(mark_x + ideal_x - drawn_x, mark_y + ideal_y - drawn_y)
         errors.append(math.hypot(x - ideal_x, y - ideal_y))
-    return Fit(min(inside), (errors[0], errors[1], errors[2], errors[3]))
+    off = [math.dist(seat_from_battery.point(*corner), corner) for corner in battery.corners()]
+    return Fit(min(inside), (errors[0], errors[1], errors[2], errors[3]), (off[0], off[1], off[2], off[3]))

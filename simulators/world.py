@@ -8,33 +8,37 @@ Nothing here runs by itself: what has happened since the last question is worked
 import math
 import zlib
 from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
 from simulators.arm import Arm
 from simulators.clock import Clock
 from simulators.conveyor import Conveyor
-from simulators.layout import build_layout
+from simulators.golden import CARRIER as GOLDEN_CARRIER
+from simulators.golden import GoldenParts
+from simulators.layout import Carrier, build_layout
 from simulators.place import Place
 from simulators.product import Product
 from simulators.suction import Suction
 from simulators.supply import Delivery, Displacement, Scatter, Supply
-from simulators.things import PERFECT, PLATE_MIDDLE, Base, Battery, Plate, made_base, made_battery
+from simulators.things import PLATE_MIDDLE, Base, Battery, Plate, made_base, made_battery
 from simulators.verdict import Fit, Verdict, fit
+from simulators.wear import FAULTS, Wear
 
 TOUCH_MM = 0.6  # the cup's lip gives so much
 FLOOR = "floor"
-GOLDEN_CARRIER = 9000
 
 
 class World:
     """The cell as it truly is."""
 
-    def __init__(self, seed: int, product: Product, *, speed: float = 1.0) -> None:
+    def __init__(self, seed: int, product: Product, *, speed: float = 1.0, carrier: Carrier = "tool") -> None:
         self.seed = seed
         self.product = product
         self.clock = Clock(speed)
-        self.layout = build_layout(self.stream("layout"))
+        self.layout = build_layout(self.stream("layout"), carrier)
         self.arm = Arm(self.clock, self.stream("arm"))
         self.scatter = Scatter()
         self.supply = Supply(self.stream("supply"), self.scatter)
@@ -42,6 +46,7 @@ class World:
         self.suction = Suction(self.clock.now)
         self.estop_pressed = self.guard_open = False
         self.air_ok = True
+        self._valves: dict[str, bool] = {}
         self._robot_enable = False
         self.lights = {1: False, 2: False}
         self.lamp_levels = (False, False, False, False)
@@ -53,8 +58,9 @@ class World:
         self.lost: list[Battery | Plate] = []
         self.rejected: list[Battery | Plate] = []
         self.verdicts: list[Verdict] = []
-        self.light_fault: dict[int, float] = {}
+        self.wear = {1: Wear(), 2: Wear()}
         self._carriers = 0
+        self.golden = GoldenParts(self.scatter, self.stream)
         self._good = True
         self._cycle_since_s = 0.0
         self._no_seal = False
@@ -147,10 +153,11 @@ class World:
             self._good = good
             self.conveyor.release()
 
-    def valve(self, on: bool) -> None:
-        """Vacuum valve."""
+    def valve(self, on: bool, by: str = "plc") -> None:
+        """Vacuum valve. The robot's own, if it drives one, is piped beside the PLC's: either of them sucks."""
         self._settle()
-        self.suction.set(valve=on, sealed=self.held is not None)
+        self._valves[by] = on
+        self.suction.set(valve=any(self._valves.values()), sealed=self.held is not None)
         self._settle()
 
     def blow(self, on: bool) -> None:
@@ -181,10 +188,11 @@ class World:
             ("safety", "estop"): lambda: self.set_safety(estop=bool(params.get("on", True))),
             ("safety", "guard"): lambda: self.set_safety(guard_open=bool(params.get("on", True))),
             ("safety", "air"): lambda: self.set_safety(air_ok=not params.get("on", True)),
-            ("camera_1", "dark"): lambda: self._dim(1, bool(params.get("on", True))),
-            ("camera_2", "dark"): lambda: self._dim(2, bool(params.get("on", True))),
             ("supply", "no_base"): lambda: self.queue_deliveries([self._without_base()]),
         }
+        for number, wear in self.wear.items():
+            for name in FAULTS:
+                own[f"camera_{number}", name] = partial(wear.inject, name, self.clock.now(), **params)
         if act := own.get((component, fault)):
             act()
         elif handler := self._handlers.get(component):
@@ -207,9 +215,6 @@ class World:
     def _set_no_seal(self, on: bool) -> None:
         self._no_seal = on
 
-    def _dim(self, camera: int, on: bool) -> None:
-        self.light_fault[camera] = 0.02 if on else 1.0
-
     def _without_base(self) -> Delivery:
         drawn = self.supply.next()
         return Delivery(drawn.base, drawn.battery, drawn.sizes, has_base=False)
@@ -220,11 +225,18 @@ class World:
         """A person puts a base to the drawing on the carrier and seats a battery to the drawing in its middle."""
         self._settle()
         self._take(self.held)
-        self.base = made_base(self.product, self.layout.station, PERFECT, GOLDEN_CARRIER)
-        self.seated = self._golden_battery("seat", Place(0.0, 0.0))
+        self.base = made_base(self.product, self.layout.station, self.golden.delivery(), GOLDEN_CARRIER)
+        self.seated = self._golden_battery("seat", self.golden.seat())
         self.on_table = None
         self.conveyor.put()
         self.conveyor.clamped = True
+
+    def put_in_golden_pair(self) -> None:
+        """A person takes the golden parts out and has the next pair at hand: good ones, a little different."""
+        self._settle()
+        self._take(self.held)
+        self.base = self.seated = self.on_table = None
+        self.golden.next_pair()
 
     def lay_reference_battery(self) -> None:
         """A person lays a battery to the drawing exactly where it should lie on the table."""
@@ -242,7 +254,7 @@ class World:
         self.conveyor.remove()
 
     def _golden_battery(self, where: str, place: Place) -> Battery:
-        return Battery(self.product.outline, self.product.battery, where, place, Displacement())
+        return replace(made_battery(self.product, place, self.golden.delivery()), where=where)
 
     def _take(self, thing: Battery | Plate | None) -> None:
         if thing is not None:
@@ -255,6 +267,11 @@ class World:
         """The true tool frame in robot coordinates."""
         pose = self.arm.tool_at(self.clock.now() if at_s is None else at_s)
         return Place(pose.x_mm, pose.y_mm, pose.r_deg)
+
+    def camera_1_carrier(self, at_s: float) -> Place:
+        """The true frame of what camera 1 is on: the tool, or the second arm with its origin on the tool's axis."""
+        tool = self.tool(at_s)
+        return tool if self.layout.carrier == "tool" else tool._replace(t_deg=self.arm.second_arm_deg(at_s))
 
     def fit(self) -> Fit | None:
         """How the battery lies in the seat now, None when there is none."""

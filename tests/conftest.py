@@ -1,9 +1,10 @@
 """What all tests share: no test leaves a task behind; one commissioned cell per session."""
 
 import asyncio
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Iterator
 from pathlib import Path
 
+import cv2
 import pytest
 
 from tests.whole_cell import commission
@@ -19,6 +20,15 @@ async def no_leftover_tasks(request: pytest.FixtureRequest) -> AsyncIterator[Non
     if left:
         await asyncio.wait(left, timeout=1.0)
     assert not {task for task in left if not task.done()}, "tasks left over"
+
+
+@pytest.fixture(scope="module")
+def one_thread() -> Iterator[None]:
+    """OpenCV works with one thread, as in production and in the benchmarks."""
+    before = cv2.getNumThreads()
+    cv2.setNumThreads(1)
+    yield
+    cv2.setNumThreads(before)
 
 
 @pytest.fixture(scope="session")

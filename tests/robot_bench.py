@@ -1,45 +1,21 @@
-"""A robot alone on its bench: the least world that a robot controller needs, and a raw client for its wire."""
+"""A robot alone on its bench, for both sides of its wire: controllers, drivers on them, and raw clients."""
 
 import asyncio
-import zlib
+import contextlib
+import os
 from contextlib import asynccontextmanager
-
-import numpy as np
+from dataclasses import fields
 
 from drivers.robot import Limits, Robot
-from simulators.arm import Arm
-from simulators.clock import Clock
-from simulators.robot import RobotController
+from simulators.arm import START
+from simulators.robot import Bench, Options, RobotController
+from simulators.robot.serial_line import XOFF, XON
+
+OPTIONS = {field.name for field in fields(Options)}
 
 
-class Bench:
-    """Clock, arm, and safety inputs that a test sets."""
-
-    def __init__(self, speed):
-        self.clock = Clock(speed)
-        self.arm = Arm(self.clock, self.stream("arm"))
-        self.estop_pressed = self.guard_open = False
-        self.robot_enable = self.air_ok = True
-        self._subscribers = []
-        self._handlers = {}
-
-    def stream(self, name):
-        return np.random.default_rng([7, zlib.crc32(name.encode())])
-
-    def subscribe(self, callback):
-        self._subscribers.append(callback)
-
-    def register(self, component, handler):
-        self._handlers[component] = handler
-
-    def inject(self, component, fault, **params):
-        self._handlers[component](fault, **params)
-
-    def safety(self, **facts):
-        for name, value in facts.items():
-            setattr(self, name, value)
-        for callback in self._subscribers:
-            callback()
+class WatchedBench(Bench):
+    """The bench with what tests ask about its arm."""
 
     def stands(self):
         return not self.arm.moving_at(self.clock.now())
@@ -49,10 +25,11 @@ class Bench:
 
 
 @asynccontextmanager
-async def controller_on(speed=1.0, **settings):
-    """A bench and its controller."""
-    bench = Bench(speed)
-    controller = RobotController(bench, **settings)
+async def controller_on(speed=1.0, *, model="yk400xg", start=START, **settings):
+    """A bench and its controller; `settings` are the controller's, or fields of its Options."""
+    options = {name: settings.pop(name) for name in OPTIONS & settings.keys()}
+    bench = WatchedBench(speed=speed, model=model, start=start)
+    controller = RobotController(bench, options=Options(**options), **settings)
     await controller.start()
     try:
         yield bench, controller
@@ -89,8 +66,9 @@ class Wire:
     @classmethod
     async def to(cls, controller, *, greeting=True):
         wire = cls(*await asyncio.open_connection("127.0.0.1", controller.port))
-        if greeting:
-            assert await wire.lines(2) == ["Welcome to RCX340", ""]
+        dialect = controller.machine.dialect
+        if greeting and dialect.greeting:
+            assert await wire.lines(2) == [dialect.options.greeting or dialect.greeting, ""]
         return wire
 
     def send(self, data):
@@ -119,14 +97,75 @@ class Wire:
         self.writer.close()
 
 
+class SerialWire:
+    """A raw client on a terminal; the same verbs. It obeys XON and XOFF."""
+
+    def __init__(self, path):
+        self._fd = os.open(path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+        self._data = b""
+        self._unsent = b""
+        self.held = False
+        self.holds = 0
+
+    def send(self, data):
+        self._unsent += data.encode("latin-1") if isinstance(data, str) else data
+        self._move()
+
+    async def lines(self, count, within_s=5.0):
+        async with asyncio.timeout(within_s):
+            while self._data.count(b"\r\n") < count:
+                await asyncio.sleep(0.001)
+                self._move()
+        *lines, self._data = self._data.split(b"\r\n", count)
+        return [line.decode("latin-1") for line in lines]
+
+    async def ask(self, command, count=1):
+        self.send(f"{command}\r\n")
+        return await self.lines(count)
+
+    async def silent(self, for_s=0.05):
+        await asyncio.sleep(for_s)
+        self._move()
+        return not self._data
+
+    def _move(self):
+        with contextlib.suppress(BlockingIOError):
+            heard = os.read(self._fd, 4096)
+            self.holds += heard.count(XOFF)
+            for byte in heard:
+                self.held = byte == XOFF if byte in (XON, XOFF) else self.held
+            self._data += heard.translate(None, bytes((XON, XOFF)))
+        while self._unsent and not self.held:
+            sent = os.write(self._fd, self._unsent[:64])
+            self._unsent = self._unsent[sent:]
+            if sent == 64:
+                break
+
+    def close(self):
+        os.close(self._fd)
+
+
 @asynccontextmanager
 async def wire_on(speed=1.0, *, on=True, **settings):
     """A bench and a raw client on its controller, with power on."""
     async with controller_on(speed, **settings) as (bench, controller):
         wire = await Wire.to(controller)
+        bench.controller = controller
         try:
-            if on:
+            if on and controller.machine.dialect.name == "rcx3":
                 await wire.power_on()
+            yield bench, wire
+        finally:
+            wire.close()
+
+
+@asynccontextmanager
+async def serial_wire_on(speed=1.0, *, baud=9600, **settings):
+    """A bench and a raw client on its controller's serial line."""
+    async with controller_on(speed, port=None, serial_baud=baud, **settings) as (bench, controller):
+        wire = SerialWire(controller.tty)
+        bench.controller = controller
+        try:
             yield bench, wire
         finally:
             wire.close()

@@ -161,12 +161,20 @@ async def test_other_requests_reach_the_daemon_as_they_were_meant(cellctl, daemo
     assert (await asyncio.to_thread(cellctl, "mode", "maintenance"))[0] == 0
     assert (await asyncio.to_thread(cellctl, "recipe", "use", "x85"))[0] == 0
     assert (await asyncio.to_thread(cellctl, "proceed"))[0] == 0
-    assert (await asyncio.to_thread(cellctl, "recipe", "teach", "--repeats", "7"))[0] == 1  # aborted: guard open
+    assert (await asyncio.to_thread(cellctl, "calibrate", "temperature", "23.5"))[0] == 0
+    assert (await asyncio.to_thread(cellctl, "calibrate", "accept", "camera-1"))[0] == 0
+    assert (await asyncio.to_thread(cellctl, "calibrate", "accept", "camera-2", "0123456789ab"))[0] == 0
+    assert (await asyncio.to_thread(cellctl, "calibrate", "revert", "camera-2"))[0] == 0
+    assert (await asyncio.to_thread(cellctl, "teach", "--repeats", "7", "--pairs", "3"))[0] == 1  # aborted: guard open
     assert [asked.model_dump(exclude={"version"}) for asked in daemon.asked if asked.verb != "status"] == [
         {"verb": "mode", "name": "maintenance"},
         {"verb": "recipe_use", "name": "x85"},
         {"verb": "proceed"},
-        {"verb": "teach", "repeats": 7},
+        {"verb": "temperature", "celsius": 23.5},
+        {"verb": "calibration_use", "camera": "camera-1", "what": "accept", "calibration": None},
+        {"verb": "calibration_use", "camera": "camera-2", "what": "accept", "calibration": "0123456789ab"},
+        {"verb": "calibration_use", "camera": "camera-2", "what": "revert", "calibration": None},
+        {"verb": "teach", "repeats": 7, "pairs": 3},
     ]
 
 
@@ -277,7 +285,7 @@ def test_the_help_names_every_command_and_the_exit_codes(cellctl):
     code, out, _ = cellctl("--help")
     assert code == 0
     names = "run status start stop hold unhold suspend unsuspend abort clear reset complete mode log recipe calibrate"
-    for name in f"{names} units check simulate demo proceed faults".split():
+    for name in f"{names} teach units check simulate demo proceed faults".split():
         assert f"\n  {name} " in out
     assert "Exit codes: 0 ok, 1 refused or failed, 2 wrong usage, 69 the daemon is not reachable, 78" in out
 

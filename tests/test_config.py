@@ -67,7 +67,7 @@ def test_the_simulated_cell_differs_from_the_cell_only_in_how_it_is_reached():
     assert keys(real) == keys(simulated)
     for table, key in re.findall(
         r"(\w+)\.(\w+)",
-        "plc.host plc.port plc.scan_period_ms robot.address camera_1.address camera_1.serial"
+        "plc.host plc.port plc.scan_period_ms robot.address robot.serial camera_1.address camera_1.serial"
         " camera_2.address camera_2.serial",
     ):
         del real[table][key], simulated[table][key]
@@ -136,7 +136,28 @@ def test_a_host_that_no_device_can_have_is_refused(refused, host):
             [('"CAM-2-SERIAL"', '""')],
             ["camera_2.serial: must be the serial number on the label: up to 16 of A-Z a-z 0-9 . _ -"],
         ),
-        ([('mount = "tool"', 'mount = "arm_2"')], ['camera_1.mount: must be "tool" (got "arm_2")']),
+        ([('mount = "tool"', 'mount = "bench"')], ['camera_1.mount: must be "tool" or "arm_2" (got "bench")']),
+        (
+            [('mount = "tool"', 'mount = "arm_2"'), ("board = { x_mm = 340", "board = { x_mm = 480")],
+            [
+                "positions.board: camera 1 on the second arm comes 5.0 to 455.0 mm far from the first axis, "
+                "(480.0, -20.0) is 480.4 mm away"
+            ],
+        ),
+        (
+            [('mount = "tool"', 'mount = "arm_2"'), ("camera_1_z_mm = 60", "camera_1_z_mm = 61")],
+            ["positions.camera_1_z_mm: camera 1 on the second arm needs no own Z: use safe_z_mm = 60"],
+        ),
+        (
+            [
+                (
+                    "repeatability_deg = 0.004",
+                    'keep_out = [{ name = "post", x_min_mm = 9, x_max_mm = 8, y_min_mm = 0, y_max_mm = 1 }]\n'
+                    "repeatability_deg = 0.004",
+                )
+            ],
+            ["robot.keep_out.0.x_min_mm: must be below x_max_mm = 8"],
+        ),
         (
             [("mm_per_px = 0.007333", "mm_per_px = 7.333")],
             ["camera_1.mm_per_px: must be at least 0.0005 and at most 0.2 mm per px (got 7.333)"],

@@ -161,7 +161,14 @@ async def test_a_bug_in_the_handler_ends_the_server_instead_of_hiding(tmp_path: 
         (b'{"version": 1, "verb": "units_left", "count": "5"}', r"count: Input should be a valid integer"),
         (b'{"version": 1, "verb": "recipe_use", "name": "../../etc/passwd"}', r"name: String should match"),
         (b'{"version": 1, "verb": "recipe_use", "name": "a\\n"}', r"name: String should match"),
-        (b'{"version": 1, "verb": "teach", "repeats": 0}', r"repeats: "),
+        (b'{"version": 1, "verb": "teach", "repeats": 0, "pairs": 1}', r"repeats: "),
+        (b'{"version": 1, "verb": "teach", "repeats": 1, "pairs": 21}', r"pairs: "),
+        (b'{"version": 1, "verb": "temperature", "celsius": NaN}', r"celsius: "),
+        (b'{"version": 1, "verb": "verify", "camera": "tool"}', r"camera: "),
+        (
+            b'{"version": 1, "verb": "calibration_use", "camera": "camera-1", "what": "accept", "calibration": "../x"}',
+            r"calibration: ",
+        ),
         (b"\xff\xfe", "Invalid JSON"),
         (b"[" * 5000, "Invalid JSON"),
         (b"", "Invalid JSON"),
@@ -181,9 +188,10 @@ json_values = st.recursive(
 verbs = st.sampled_from(
     ["status", "command", "mode", "recipe_use", "calibrate", "teach", "proceed", "units_left", "watch"]
 )
+verbs |= st.sampled_from(["verify", "hysteresis", "calibration_use", "temperature"])
 nearly_requests = st.fixed_dictionaries(
     {"version": st.just(1) | json_values, "verb": verbs},
-    optional=dict.fromkeys(("name", "what", "repeats", "count"), json_values),
+    optional=dict.fromkeys(("name", "what", "repeats", "count", "camera", "celsius"), json_values),
 ).map(lambda value: json.dumps(value).encode())
 
 
@@ -377,7 +385,7 @@ async def test_a_job_shows_its_own_progress_and_ends_with_its_result(daemon: Dae
 
 async def test_a_job_that_is_aborted_ends_with_the_machine(daemon: Daemon):
     shown: list[dict] = []
-    assert await wait_for_job(daemon.path, {"verb": "teach", "repeats": 1}, shown.append) is False
+    assert await wait_for_job(daemon.path, {"verb": "teach", "repeats": 1, "pairs": 1}, shown.append) is False
     assert [event["text"] for event in shown] == ["seat it", "guard open"]
 
 

@@ -15,6 +15,7 @@ from cellctl.calibration.dots import find_dots
 from cellctl.calibration.errors import BoardNotFound
 from cellctl.calibration.hand_eye import solve_hand_eye
 from cellctl.calibration.lattice import find_lattice
+from cellctl.calibration.problem import Looks
 from cellctl.geometry import Pose
 from simulators.layout import build_layout
 from simulators.optics import Optics
@@ -311,7 +312,7 @@ def test_from_pictures_to_the_camera(kind):
         picture = photograph(optics, in_plane, rng)
         poses.append(pose)
         dots.append(find_dots(picture, BOARD, mirrored=kind == "eye_in_hand").centres_px)
-    found = solve_hand_eye(kind, poses, np.array(dots), BOARD.points_mm)
+    found = solve_hand_eye(kind, Looks(poses, np.array(dots)), BOARD.points_mm)
     grid = axis + np.stack(np.meshgrid(np.linspace(-7, 7, 5), np.linspace(-5, 5, 5)), -1).reshape(-1, 2)
     flat = grid @ optics.matrix.T + optics.offset_px
     away = flat - optics.centre_px

@@ -9,7 +9,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cellctl.recipe import VIEW_HEIGHT_MM, VIEW_WIDTH_MM, Recipe, list_recipes, load_recipe
+from cellctl.recipe import Recipe, list_recipes, load_recipe
+from cellctl.recipe_parts import VIEW_HEIGHT_MM, VIEW_WIDTH_MM
 from cellctl.strict_toml import SettingsError
 
 RECIPES = Path(__file__).parent.parent / "recipes"
@@ -256,3 +257,30 @@ def test_the_list_shows_every_toml_file_also_the_misnamed_one(tmp_path):
 def test_a_missing_folder_of_recipes_is_refused(tmp_path):
     with pytest.raises(SettingsError, match="the folder of recipes cannot be read: No such file or directory"):
         list_recipes(tmp_path / "absent")
+
+
+@pytest.mark.parametrize(
+    ("second", "key", "said"),
+    [
+        ((43.0, 44.0), "base.second_edge_to_mm", "at least 2 mm above"),
+        ((1.0, 15.0), "base.second_edge_from_mm", "a second look is worth it from 15 mm on"),
+        ((30.0, 57.0), "base.second_edge_to_mm", "can leave the camera's view"),
+    ],
+)
+def test_a_second_stretch_of_edge_that_is_no_use_is_refused(refused, second, key, said):
+    (line,) = refused(base__second_edge_from_mm=second[0], base__second_edge_to_mm=second[1])
+    assert line.startswith(key)
+    assert said in line
+
+
+def test_half_a_second_stretch_is_refused(tmp_path):
+    text = "\n".join(line for line in X85.splitlines() if not line.startswith("second_edge_to_mm"))
+    (tmp_path / "half.toml").write_text(text)
+    with pytest.raises(SettingsError, match="needs both second_edge_from_mm and second_edge_to_mm"):
+        load_recipe(tmp_path, "half")
+
+
+def test_a_recipe_without_a_placement_table_never_looks_twice(tmp_path):
+    head, _, rest = X85.partition("[placement]\n")
+    (tmp_path / "plain.toml").write_text(head + rest[rest.index("[motion]") :])
+    assert load_recipe(tmp_path, "plain").placement.second_look == "never"

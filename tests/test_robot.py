@@ -9,8 +9,9 @@ import pytest
 
 import drivers.conversation
 import drivers.robot
-from drivers.errors import DeviceError, Garbled, LinkLost, Mismatch, NoAnswer, Refused
-from drivers.robot import Limits, Point, Robot
+from cellctl.hand import lift_free
+from drivers.errors import Collision, DeviceError, Garbled, LinkLost, Mismatch, NoAnswer, Refused
+from drivers.robot import LEFTY, RIGHTY, Limits, Point, Robot
 from tests.robot_bench import address_of, controller_on, robot_on
 
 NEAR = Point(260.0, 20.0, 10.0, 5.0)
@@ -53,6 +54,18 @@ async def test_a_move_ends_with_the_arm_at_its_target(front):
         assert await robot.move(NEAR, speed_pct=50, straight=True) == pytest.approx(NEAR, abs=0.0005)
         assert bench.position() == pytest.approx(NEAR, abs=0.001)
         assert await robot.here() == pytest.approx(NEAR, abs=0.0005)
+
+
+async def test_the_elbow_changes_sides_only_when_it_is_told_to():
+    async with robot_on(speed=20) as (_, robot):
+        assert (await robot.posture()).hand == RIGHTY
+        assert await robot.move(NEAR, speed_pct=100, hand=LEFTY) == pytest.approx(NEAR, abs=0.0005)
+        assert (await robot.posture()).hand == LEFTY
+        higher = NEAR._replace(z_mm=NEAR.z_mm - 5)
+        await lift_free(robot, higher.z_mm)  # straight up as the arm stands, without a swing of the elbow
+        assert await robot.posture() == (pytest.approx(higher, abs=0.0005), LEFTY)
+        await robot.move(higher, speed_pct=100)
+        assert (await robot.posture()).hand == RIGHTY
 
 
 async def test_power_on_is_idempotent_and_the_status_tells_it():
@@ -231,13 +244,14 @@ async def test_an_open_guard_refuses_motion():
 
 
 async def test_an_alarm_in_motion_is_told_with_its_meaning():
-    async with robot_on(speed=SPEED) as (bench, robot):
+    async with robot_on(speed=SPEED, latching_alarms=False) as (bench, robot):
         move = asyncio.create_task(robot.move(FAR, speed_pct=SLOW_PCT))
         await begun(bench, move)
         bench.inject("robot", "alarm", code="17.910")
-        with pytest.raises(Refused, match="a collision perhaps") as refused:
+        with pytest.raises(Collision, match="a collision perhaps") as refused:
             await move
         assert refused.value.code == "17.910"
+        assert robot.unfinished
         assert (await robot.status()).alarm == "17.910"
         await robot.reset_alarm()
         assert (await robot.status()).alarm == ""
@@ -331,6 +345,30 @@ async def test_ng_instead_of_end_is_a_refusal():
         with pytest.raises(Refused, match="motor overload"):
             await robot.move(NEAR, speed_pct=100)
         assert await robot.move(FAR, speed_pct=100) == pytest.approx(FAR, abs=0.0005)
+
+
+async def test_a_motion_is_unfinished_until_the_arm_is_at_its_target():
+    async with robot_on(speed=SPEED) as (bench, robot):
+        assert not robot.unfinished
+        move = asyncio.create_task(robot.move(FAR, speed_pct=SLOW_PCT))
+        await begun(bench, move)
+        assert robot.unfinished
+        await robot.halt()
+        with pytest.raises(Refused):
+            await move
+        assert robot.unfinished
+        await robot.move(NEAR, speed_pct=100)
+        assert not robot.unfinished
+
+
+@FRONTS
+async def test_the_controller_tells_what_it_is_and_a_question_it_does_not_know_is_left_out(front):
+    async with robot_on(front, speed=20) as (bench, robot):
+        told = await robot.identity()
+        assert "YK400XG" in told.upper()
+        bench.inject("robot", "ng", code="5.252", count=2)
+        assert await robot.identity() == "does not say"
+        assert await robot.here() == pytest.approx((250, 0, 0, 0))
 
 
 @FRONTS

@@ -8,13 +8,16 @@ from hypothesis import strategies as st
 
 from cellctl import views
 from cellctl.calibration.plane_map import PlaneMap
-from cellctl.geometry import Pose, Px, wrap_deg
-from cellctl.recipe import Battery, Recipe, load_recipe
-from cellctl.vision import BaseMeasurement, BatteryMeasurement, Circle, Edge
+from cellctl.geometry import Mm, Offset, Pose, Px, turned_about, wrap_deg
+from cellctl.recipe import Recipe, load_recipe
+from cellctl.recipe_parts import Battery
+from cellctl.vision import Appearance, BaseMeasurement, BatteryMeasurement, Circle, Edge
 from tests.whole_cell import ROOT
 
 RECIPE: Recipe = load_recipe(ROOT / "recipes", "x85")
 PX_PER_MM = 136.36
+LOOK = Appearance(1.1, 90.0, 2.5, 40.0, 130.0, 0.0)
+SURE = ((1e-4, 0.0), (0.0, 1e-4))
 
 
 def camera(view: float, turn_deg: float) -> PlaneMap:
@@ -24,7 +27,7 @@ def camera(view: float, turn_deg: float) -> PlaneMap:
 
 
 def edge_of(start: Px, end: Px) -> Edge:
-    return Edge(start, end, 0.01, 0.001, 1.1, 90.0, 1.0, 0.1)
+    return Edge(start, end, ((1e-4, 0.0), (0.0, 1e-6)), LOOK, 1.0, 0.1)
 
 
 cameras = st.builds(camera, st.sampled_from([-1.0, 1.0]), st.floats(-180, 180))
@@ -36,7 +39,7 @@ corners = st.sampled_from(["lower_left", "lower_right", "upper_left", "upper_rig
 def test_a_base_seen_where_it_should_be_gives_its_pose(plane: PlaneMap, pose: Pose) -> None:
     circle, edge = views.expect_base(plane, RECIPE.base, pose)
     seen = BaseMeasurement(
-        Circle(circle.centre, circle.radius_px, 0.01, 1.1, 90.0, 1.0, 0.1), edge_of(edge.start, edge.end), 0.0
+        Circle(circle.centre, circle.radius_px, SURE, LOOK, 1.0, 0.1), edge_of(edge.start, edge.end), 0.0
     )
     found = views.base_pose(plane, seen)
     assert found[:2] == pytest.approx(pose[:2], abs=1e-9)
@@ -49,7 +52,7 @@ def test_a_battery_seen_where_it_should_be_gives_its_pose(plane: PlaneMap, pose:
     mark = views.corner_mm(battery)
     robot_from_battery = pose @ Pose(-mark.x_mm, -mark.y_mm, 0.0)  # its corner is in view
     first, second = views.expect_battery(plane, battery, robot_from_battery)
-    seen = BatteryMeasurement(edge_of(*first[:2]), edge_of(*second[:2]), first.start, 0.02, 0.0)
+    seen = BatteryMeasurement(edge_of(*first[:2]), edge_of(*second[:2]), first.start, SURE, 0.0)
     found = views.battery_pose(plane, battery, seen)
     assert found[:2] == pytest.approx(robot_from_battery[:2], abs=1e-8)
     assert wrap_deg(found.t_deg - pose.t_deg) == pytest.approx(0.0, abs=1e-9)
@@ -71,3 +74,16 @@ def test_camera_2_sees_the_battery_mirrored() -> None:
     assert along_y.end.v > along_y.start.v
     assert not along_x.bright_left  # the battery is on the right hand, walking to the right
     assert along_y.bright_left
+
+
+@given(cameras, st.floats(-1.0, 1.0), st.floats(0.0, 360.0), st.sampled_from([-1.0, 1.0]))
+def test_a_base_that_is_turned_about_its_seat_still_has_its_hole_within_the_search(
+    plane: PlaneMap, part_of_it: float, way_deg: float, sense: float
+) -> None:
+    base = RECIPE.base
+    seat, way = Mm(base.seat_x_mm, base.seat_y_mm), math.radians(way_deg)
+    off_mm = (base.search_mm * part_of_it * f(way) for f in (math.cos, math.sin))
+    moved = turned_about(seat, Offset(*off_mm, sense * base.search_deg))
+    search = views.search_px(plane, base)
+    expected, shown = (views.expect_base(plane, base, pose)[0].centre for pose in (Pose(0.0, 0.0, 0.0), moved))
+    assert math.dist(expected, shown) <= search.position_px * (1.0 + 1e-9)

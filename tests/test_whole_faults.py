@@ -125,6 +125,9 @@ async def test_abort_by_command_stops_at_once_and_is_recorded(learnt: Path, tmp_
         await bench.command("abort", State.ABORTED)
         assert not await moved_since(bench)
         assert bench.records(1)[0]["verdict"] == "lost"
+        said = await bench.ask("status")
+        assert all("is to be verified: aborted in motion: " in str(said[camera]) for camera in ("camera-1", "camera-2"))
+        assert (await bench.produce(1))[0]["verdict"] == "placed"  # said, and not insisted on
 
 
 async def test_stop_ends_the_unit_in_progress_first(learnt: Path, tmp_path: Path) -> None:
@@ -136,6 +139,7 @@ async def test_stop_ends_the_unit_in_progress_first(learnt: Path, tmp_path: Path
         assert bench.records(1)[0]["verdict"] == "placed"
         assert bench.world.held is None
         assert not await moved_since(bench)
+        assert "verified" not in str((await bench.ask("status"))["camera-1"])
 
 
 async def test_a_command_given_in_the_very_turn_of_a_state_change_is_acted_on(learnt: Path, tmp_path: Path) -> None:

@@ -3,6 +3,7 @@
 import asyncio
 import math
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -14,7 +15,7 @@ from simulators.parts import BaseDrawing, BatteryDrawing
 from simulators.place import Place, turned_about
 from simulators.product import Product
 from simulators.suction import HOLDING_KPA, Suction
-from simulators.supply import Delivery, Displacement, Sizes
+from simulators.supply import Delivery, Displacement, Scatter, Sizes, Supply
 from simulators.verdict import Rectangle, fit
 from simulators.world import World
 
@@ -218,3 +219,21 @@ async def test_the_clock_waits_for_what_is_due() -> None:
     assert clock.now() < due_s + 5.0
     await clock.sleep_until(due_s + 10.0)
     assert clock.now() >= due_s + 10.0
+
+
+def test_a_battery_that_is_longer_than_drawn_and_placed_by_its_corner_is_off_the_middle() -> None:
+    """Its seen corner lies right, so the placement error is none; its true corners are half the excess off."""
+    drawn, longer = Rectangle(53.0, 85.0), Rectangle(53.0, 85.06)
+    lies = fit(Rectangle(53.2, 85.2), longer, drawn, 0, Place(0.0, 0.03))
+    assert lies.worst_mm == pytest.approx(0.0, abs=1e-12)
+    assert lies.off_mm == pytest.approx(0.03)
+    assert lies.clearance_mm == pytest.approx(0.04)
+
+
+def test_uniform_sizes_fill_the_tolerance_evenly_and_every_pair_has_a_form_of_its_own() -> None:
+    supply = Supply(np.random.default_rng(1), Scatter(size_uniform=True, base_form_mm=0.001))
+    delivered = [supply.next() for _ in range(400)]
+    sizes = np.array([delivery.sizes.battery_height_mm for delivery in delivered])
+    assert np.abs(sizes).max() <= 0.08
+    assert np.histogram(sizes, bins=4, range=(-0.08, 0.08))[0] == pytest.approx([100] * 4, abs=30)
+    assert len({delivery.form.seed for delivery in delivered}) == len(delivered)

@@ -29,7 +29,7 @@ HOLE_MM, EDGE_MM = 3.0, 6.0
 BASE_SEARCH, BATTERY_SEARCH = Search(1.5 * 136.36, 2.0), Search(2.5 * 136.36, 2.0)
 UM_PER_PX = 1000.0 / 136.36
 HERE, BASE = Place(0.0, 0.0), BaseDrawing()
-PLAIN = Light(0.0, 0.0, 0.0)
+PLAIN, LIGHT = Light(0.0, 0.0, 0.0), Light()
 
 
 class View(NamedTuple):
@@ -59,10 +59,11 @@ class Camera:
     noise: float = 2.5
     blur_px: float = 1.1
     exposure: float = 1.0
+    light: Light = LIGHT
 
     def aimed(self, at_mm: tuple[float, float]) -> Optics:
         plain = Optics.aimed(at_mm, looks=self.looks, turn_deg=self.turn_deg)
-        return replace(plain, k1=self.k1, noise=self.noise, blur_px=self.blur_px)
+        return replace(plain, k1=self.k1, noise=self.noise, blur_px=self.blur_px, light=self.light)
 
 
 def some_camera(rng: np.random.Generator) -> Camera:

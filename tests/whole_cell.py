@@ -10,7 +10,7 @@ import itertools
 import json
 import os
 import shutil
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +28,7 @@ from cellctl.pictures import Pictures
 from cellctl.records import units
 from cellctl.session import Session
 from simulators.cell import Addresses, SimulatedCell
+from simulators.layout import Carrier
 from simulators.product import load_product
 from simulators.world import World
 
@@ -35,6 +36,11 @@ ROOT = Path(__file__).resolve().parent.parent
 SEED = 11
 SPEED = 50.0
 WITHIN_S = 30.0
+ON_THE_SECOND_ARM = (
+    ('mount = "tool"', 'mount = "arm_2"'),
+    ("x_mm = 55, y_mm = 0, t_deg = 0 }", "x_mm = 55, y_mm = 0, t_deg = -70 }"),  # mount_from_camera_1
+    ("x_mm = 340, y_mm = -20, t_deg = 0 }", "x_mm = 340, y_mm = -20, t_deg = -24 }"),  # board
+)
 STUCK = {State.ABORTED, State.HELD, State.SUSPENDED}  # nothing goes on by itself from here
 _next = itertools.count(1)
 
@@ -86,6 +92,11 @@ class Bench:
         await self.ask("recipe_use", name=recipe)
         await self.command("reset", State.IDLE)
 
+    async def at_rest(self) -> None:
+        """From Held, where a person has read why."""
+        if self.cell.state is State.HELD:
+            await self.command("stop", State.STOPPED)
+
     async def start(self, count: int) -> None:
         """Begin a production run."""
         await self.ask("units_left", count=count)
@@ -108,22 +119,27 @@ class Bench:
         return [event for event in self.events if event["event"] == kind]
 
     async def commission(self, repeats: int, recipe: str = "x85") -> None:
-        """Calibrate and teach, a person helping."""
-        for request in ({"verb": "calibrate", "what": "camera-1"}, {"verb": "calibrate", "what": "camera-2"}):
-            await self.ready(recipe)
-            await self.ask(**request)
-            await self.until(State.COMPLETE)
+        """Calibrate and teach."""
+        for what in ("camera-1", "camera-2"):
+            await self.job("calibrate", recipe, what=what)
+        await self.job("teach", recipe, repeats=repeats, pairs=1)
+
+    async def job(self, verb: str, recipe: str = "x85", **what: object) -> Event:
+        """A job to its end, a person helping; how it ended. One that does not go well leaves the cell Held."""
+        await self.at_rest()
         await self.ready(recipe)
-        await self.ask("teach", repeats=repeats)
-        while self.cell.state is not State.COMPLETE:
+        ended = len(self.said("job"))
+        await self.ask(verb, **what)
+        while len(self.said("job")) == ended:
+            assert self.cell.state not in STUCK, self.cell.message
             await self.help()
             await asyncio.sleep(0.005)
-            assert self.cell.state not in STUCK, self.cell.message
+        await self.when(lambda: self.cell.state in STUCK | {State.COMPLETE})
+        return self.said("job")[-1]
 
     async def help(self) -> None:
         """Do what a person is asked for."""
-        asked = (await self.ask("status"))["asks"]
-        if asked:
+        if self.session.status()["asks"]:
             what = self.said("progress")[-1]["asks"]
             getattr(self.world, str(what).replace("-", "_"))()
             await self.ask("proceed")
@@ -138,18 +154,23 @@ async def simulated(
     seed: int = SEED,
     speed: float = SPEED,
     recipes: Path | None = None,
+    settings: Mapping[str, object] | None = None,
+    carrier: Carrier = "tool",
+    album: Path | None = None,
 ) -> AsyncIterator[Bench]:
     """The simulated cell alone, with the configuration that a daemon needs in `folder / "cell.toml"`.
 
-    `learnt` is the state folder of a commissioned cell of the same seed.
+    `learnt` is the state folder of a commissioned cell of the same seed, `settings` are other [calibration] settings,
+    `carrier` is what camera 1 is on, `album` a folder that gets every picture.
     """
-    config = _config(folder, loopback(), _hurried(recipes or ROOT / "recipes", folder / "hurried", speed))
+    config = _config(folder, loopback(), _hurried(recipes or ROOT / "recipes", folder / "hurried", speed), carrier)
+    config = config.model_copy(update={"calibration": config.calibration.model_copy(update=settings)})
     if learnt is not None:
         shutil.copytree(learnt, config.paths.state, ignore=shutil.ignore_patterns("*.db*", "log", "pictures"))
     net = config.plc.host.rpartition(".")[0]
-    world = World(seed, load_product(config.paths.recipes / f"{product}.toml"), speed=speed)
+    world = World(seed, load_product(config.paths.recipes / f"{product}.toml"), speed=speed, carrier=carrier)
     addresses = Addresses(f"{net}.1", config.plc.port, f"{net}.1", 10023, f"{net}.2", f"{net}.3")
-    async with SimulatedCell(world, addresses):
+    async with SimulatedCell(world, addresses, album):
         yield Bench(world, config, build_devices(config))
 
 
@@ -171,10 +192,14 @@ def _hurried(recipes: Path, copies: Path, speed: float) -> Path:
     return copies
 
 
-def _config(folder: Path, net: str, recipes: Path) -> CellConfig:
+def _config(folder: Path, net: str, recipes: Path, carrier: Carrier) -> CellConfig:
     text = (ROOT / "deploy" / "simulated-cell.toml").read_text(encoding="utf-8")
     text = text.replace('"127.0.0.', f'"{net}.').replace("tcp://127.0.0.", f"tcp://{net}.")
     text = text.replace('"../recipes"', f'"{recipes}"')
+    if carrier == "arm_2":
+        for old, new in ON_THE_SECOND_ARM:
+            assert old in text
+            text = text.replace(old, new)
     path = folder / "cell.toml"
     path.write_text(text, encoding="utf-8")
     return with_state(load_config(path), folder / "state")

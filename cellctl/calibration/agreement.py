@@ -4,30 +4,48 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import NoReturn
+from typing import NamedTuple, NoReturn
 
 import numpy as np
 
 from cellctl.calibration.errors import PosesDisagree
-from cellctl.calibration.plane_map import SCALE_RANGE_PX_PER_MM
-from cellctl.calibration.problem import WORST_SD, Fit, Problem, fit_problem, pose_fits, poses_out, prediction_error_mm
-from cellctl.calibration.scara import Kind, Linear, linear_start
+from cellctl.calibration.linear import Linear, grid_fits
+from cellctl.calibration.plane_map import SCALE_RANGE_PX_PER_MM, Lens
+from cellctl.calibration.problem import (
+    WORST_SD,
+    Fit,
+    Problem,
+    fit_problem,
+    pose_fits,
+    poses_out,
+    prediction_error_mm,
+    without_bad_dots,
+)
+from cellctl.calibration.scara import FloatArray, Kind
 
 MOST_OUTLIERS = 0.25  # more poses out than this part: not outliers, something common is wrong
-MOST_SCALE_ERROR = 0.02  # board pitch against robot travel
-MOST_BENT_PX = 1.5  # what a lens may bend the board, rms
+MOST_LEFT_OUT = 0.1  # up to this part of the poses is left out, named in the result, and the rest used
+MOST_SCALE_ERROR: dict[Lens, float] = {"telecentric": 0.02, "pinhole": 0.1}  # board pitch against robot travel
+MOST_BENT_PX: dict[Lens, float] = {"telecentric": 1.5, "pinhole": 30.0}  # what a lens may bend the board, rms
 SUSPECTS = 4  # poses tried as the outlier: the worst one may be a good pose that a bad one has pulled away
+
+
+class LeftOut(NamedTuple):
+    """A pose that was not used, by its number in the order of taking, and what is odd about it."""
+
+    number: int
+    why: str
 
 
 def check_dots(problem: Problem) -> None:
     """Raise PosesDisagree when too many pictures show no flat, even board at all, whatever the poses."""
-    design = np.column_stack([problem.board_mm, np.ones(len(problem.board_mm))])
-    seen = problem.dots_px.transpose(1, 0, 2).reshape(len(design), -1)
-    even = np.linalg.lstsq(design, seen, rcond=None)[0]
-    rms_px = np.sqrt(((seen - design @ even) ** 2).reshape(len(design), -1, 2).mean((0, 2)))
-    scales = np.linalg.svd(even[:2].reshape(2, -1, 2).transpose(1, 0, 2), compute_uv=False)
+    fits = grid_fits(problem.shots.dots_px, problem.board_mm)
+    even = problem.board_mm @ fits[:, :, :2].transpose(0, 2, 1) + fits[:, None, :, 2]
+    rms_px = np.sqrt(((problem.shots.dots_px - even) ** 2).mean((1, 2)))
+    scales = np.linalg.svd(fits[:, :, :2], compute_uv=False)
     odd = (scales.min(1) < SCALE_RANGE_PX_PER_MM[0]) | (scales.max(1) > SCALE_RANGE_PX_PER_MM[1])
-    bad = np.flatnonzero(odd | (rms_px > max(WORST_SD * problem.noise.dot_sd_px, MOST_BENT_PX))).tolist()
+    bent_px = max(WORST_SD * problem.noise.dot_sd_px, MOST_BENT_PX[problem.lens])
+    bad = np.flatnonzero(odd | (rms_px > bent_px)).tolist()
     if len(bad) > MOST_OUTLIERS * len(rms_px):
         raise PosesDisagree(
             "dots",
@@ -37,58 +55,65 @@ def check_dots(problem: Problem) -> None:
         )
 
 
-def check_agreement(fit: Fit) -> None:
-    """Raise PosesDisagree unless all poses fit, naming the most likely cause."""
+def agreeing(problem: Problem) -> tuple[Fit, tuple[LeftOut, ...]]:
+    """The fit of all poses that agree, and the few that do not.
+
+    Raises PosesDisagree, naming the most likely cause, when no camera explains nine in ten of them.
+    """
+    fit = without_bad_dots(fit_problem(problem))
     if _agrees(fit):
-        return
-    _blame_convention(fit.problem)
-    _blame_outliers(fit)
+        return fit, ()
+    _blame_convention(problem)
+    rest, left_out = _without_outliers(fit)
+    if _agrees(rest):
+        if len(left_out) > MOST_LEFT_OUT * len(problem.numbers):
+            _blame_poses(left_out, len(rest.problem.numbers))
+        return rest, tuple(left_out)
     _blame_everything(fit)
 
 
 def _agrees(fit: Fit) -> bool:
-    return _right_scale(fit.linear) and not poses_out(fit)
+    return _right_scale(fit.linear, fit.problem.lens) and not poses_out(fit)
 
 
-def _right_scale(linear: Linear) -> bool:
-    return abs(linear.scale - 1) <= MOST_SCALE_ERROR
+def _right_scale(linear: Linear, lens: Lens) -> bool:
+    return abs(linear.scale - 1) <= MOST_SCALE_ERROR[lens]
 
 
 def _blame_convention(problem: Problem) -> None:
     """Raise when one of the usual mistakes, undone, makes all poses fit."""
     for sentence, other in _other_conventions(problem):
-        linear = linear_start(other.kind, other.poses, other.dots_px, other.board_mm)
-        if _right_scale(linear) and _agrees(fit_problem(other)):
-            raise PosesDisagree("convention", f"{sentence}: with that changed all {len(problem.poses)} pictures agree")
+        if _right_scale(other.linear, other.lens) and _agrees(fit_problem(other)):
+            count = len(problem.numbers)
+            raise PosesDisagree("convention", f"{sentence}: with that changed all {count} pictures agree")
 
 
 def _other_conventions(problem: Problem) -> Iterator[tuple[str, Problem]]:
-    x, y, r = problem.poses.T
+    poses = problem.shots.poses
     other: Kind = "eye_to_hand" if problem.kind == "eye_in_hand" else "eye_in_hand"
-    yield "the sign of the robot's R is wrong", problem._replace(poses=np.column_stack([x, y, -r]))
+    yield "the sign of the robot's R is wrong", problem.with_poses(poses * (1, 1, -1))
     yield (
         "the sign of the robot's X or Y is wrong, or X and Y are swapped",
-        problem._replace(poses=np.column_stack([x, -y, r])),
+        problem.with_poses(poses * (1, -1, 1)),
     )
-    yield "the board is read mirrored", problem._replace(poses=np.column_stack([x, -y, -r]))
+    yield "the board is read mirrored", problem.with_poses(poses * (1, -1, -1))
     yield f"the camera is described as {problem.kind} but is {other}", problem._replace(kind=other)
 
 
-def _blame_outliers(fit: Fit) -> None:
-    """Raise when the rest agrees once a few poses are taken away."""
-    keep = list(range(len(fit.problem.poses)))
-    taken: list[int] = []
-    for _ in range(int(MOST_OUTLIERS * len(keep))):
-        suspects = poses_out(fit)[:SUSPECTS]
-        without = {i: fit_problem(fit.problem.only([j for j in range(len(keep)) if j != i])) for i in suspects}
-        if not without:
-            return
+def _without_outliers(fit: Fit) -> tuple[Fit, list[LeftOut]]:
+    """Take poses away, the one without which the rest agrees best first, until the rest agrees or too few are left."""
+    left_out: list[LeftOut] = []
+    most = int(MOST_OUTLIERS * len(fit.problem.numbers))
+    while poses_out(fit) and len(left_out) < most:
+        every = range(len(fit.problem.numbers))
+        without = {
+            i: without_bad_dots(fit_problem(fit.problem.only([j for j in every if j != i])))
+            for i in poses_out(fit)[:SUSPECTS]
+        }
         worst = min(without, key=lambda i: without[i].cost)
-        seen = _how_seen(fit, without[worst], worst)
+        left_out.append(LeftOut(fit.problem.numbers[worst], _how_seen(fit, without[worst], worst)))
         fit = without[worst]
-        taken.append(keep.pop(worst))
-        if _agrees(fit):
-            _blame_poses(taken, seen, len(keep))
+    return fit, sorted(left_out)
 
 
 def _how_seen(fit: Fit, rest: Fit, index: int) -> str:
@@ -97,17 +122,20 @@ def _how_seen(fit: Fit, rest: Fit, index: int) -> str:
     if rms_px > WORST_SD * fit.problem.noise.dot_sd_px:
         return f"the dots fit the board to {rms_px:.2f} px rms only"
     away_mm = prediction_error_mm(rest, fit.problem.only([index]))[0]
-    return f"the board is seen {float(np.hypot(*away_mm)) * 1000:.0f} um from its place"
+    return f"the board is seen {_length_um(away_mm):.0f} um from its place"
 
 
-def _blame_poses(taken: list[int], seen: str, rest: int) -> NoReturn:
-    taken = sorted(taken)
-    names = ", ".join(str(i + 1) for i in taken)
+def _length_um(away_mm: FloatArray) -> float:
+    return float(np.hypot(*away_mm)) * 1000
+
+
+def _blame_poses(left_out: list[LeftOut], rest: int) -> NoReturn:
+    names = ", ".join(str(one.number) for one in left_out)
     raise PosesDisagree(
         "outlier",
-        f"pose{'s' * (len(taken) > 1)} {names} against the other {rest}: {seen}; take the picture again, and if it "
-        "stays look for play, a collision, or dirt on the board",
-        poses=tuple(taken),
+        f"pose{'s' * (len(left_out) > 1)} {names} against the other {rest}: {left_out[0].why}; take the "
+        "pictures again, and if it stays look for play, a collision, or dirt on the board",
+        poses=tuple(one.number - 1 for one in left_out),
     )
 
 
@@ -121,11 +149,13 @@ def _blame_everything(fit: Fit) -> NoReturn:
             "right board is described, and the robot's units",
         )
     bad = poses_out(fit)
+    if not bad:
+        raise PosesDisagree("scale", f"board and robot differ in scale by {fit.linear.scale:.3f}: check the board")
     worst = pose_fits(fit)[bad[0]]
     raise PosesDisagree(
         "residual",
-        f"{len(bad)} of {len(fit.problem.poses)} poses do not fit one camera; the worst is pose {bad[0] + 1} (dots "
+        f"{len(bad)} of {len(fit.problem.numbers)} poses do not fit one camera; the worst is pose {worst.number} (dots "
         f"{worst.rms_px:.2f} px rms, robot {math.hypot(worst.dx_um, worst.dy_um):.0f} um and {worst.dt_mdeg:.0f} mdeg "
         "off): check that board and camera are fixed firmly and that the robot repeats as stated",
-        poses=tuple(bad),
+        poses=tuple(fit.problem.numbers[i] - 1 for i in bad),
     )

@@ -9,9 +9,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cellctl.calibration.blobs import MOST_CANDIDATES, Candidates, Pixels, Spot, find_candidates, measure_spot
+from cellctl.calibration.blobs import Candidates, Pixels, Spot, find_candidates, measure_spot
 from cellctl.calibration.board import DotBoard
+from cellctl.calibration.dot_order import board_order
 from cellctl.calibration.errors import BoardNotFound
+from cellctl.calibration.homography import homography, local_steps
 from cellctl.calibration.lattice import Lattice, find_lattice
 
 FloatArray = NDArray[np.float64]
@@ -21,7 +23,11 @@ DARKEST = 40.0  # level the brightest hundredth of the picture must exceed
 LEAST_CONTRAST = 40.0  # levels between plate and dots
 SATURATED = 253.0
 NEAR_BORDER_PX = 16.0  # dots nearer to the border than this are not measured
-LEAST_ORIGIN_RATIO = 0.75  # part of the drawn area ratio of the origin dot
+HALVINGS = (2, 1, 0)  # of the picture in which dots are looked for, the fastest first
+MOST_SPOTS = 10  # per dot of the board
+LEAST_LATTICE = 0.2  # part of the dots that must be in rows and columns, or it is another thing
+LEAST_SEEN = 0.6  # part of the dots: it is the board, and a larger picture shows no more when its dots are
+LARGE_PX2 = 80.0  # as large as this
 WORST_RESIDUAL_PX = 0.75  # print error and distortion beyond k1; 5 um
 
 
@@ -30,7 +36,7 @@ class Dots:
     """A board that was found. `centres_px` is (count, 2) in board order."""
 
     centres_px: FloatArray
-    residual_rms_px: float  # against a flat, evenly spaced board behind a lens with k1, per axis
+    residual_rms_px: float  # against a flat, evenly spaced board seen askew through a lens with k1, per axis
     residual_worst_px: float
     worst_dot: tuple[int, int]  # column, row
     px_per_mm: float
@@ -38,19 +44,40 @@ class Dots:
     contrast: float  # of the weakest dot
 
 
-def find_dots(pixels: Pixels, board: DotBoard | None = None, *, mirrored: bool) -> Dots:
-    """Find all dots of a board lying at any rotation.
+def find_dots(pixels: Pixels, board: DotBoard | None = None, *, mirrored: bool | None) -> Dots:
+    """Find all dots of a board lying at any rotation, and tilted by up to some 45 degrees.
 
-    `pixels` is (height, width) uint8; `mirrored` says that the camera sees the plane mirrored (it looks down at it).
-    Raises BoardNotFound with the check that failed and its figures, ValueError for an array that is no such picture.
+    `pixels` is (height, width) uint8; `mirrored` says that the camera sees the plane mirrored (it looks down at it),
+    None that either will do. Raises BoardNotFound with the check that failed and its figures, ValueError for an array
+    that is no such picture.
     """
     board = board or DotBoard()
     _check_picture(pixels)
-    found = find_candidates(pixels, board.count, (board.origin_dot_mm / board.dot_mm) ** 2)
-    lattice = _lattice(pixels, found, board)
-    order = _board_order(lattice, found, board, mirrored)
-    spots = _measure(pixels, found, order, board)
+    found, lattice = _candidates(pixels, board)
+    lattice = _whole(pixels, found, lattice, board)
+    order, usual = board_order(lattice, found.areas_px, board, mirrored)
+    spots = _measure(pixels, found, order, usual, board)
     return _result(spots, board, pixels.shape[:2])
+
+
+def _candidates(pixels: Pixels, board: DotBoard) -> tuple[Candidates, Lattice | None]:
+    """Spots and the lattice in them, in the smallest picture that shows the dots."""
+    largest = (board.origin_dot_mm / board.dot_mm) ** 2
+    best: tuple[Candidates, Lattice | None] | None = None
+    for halvings in HALVINGS:
+        found = find_candidates(pixels, board.count, largest, halvings)
+        lattice = find_lattice(found.centres_px) if len(found.areas_px) <= MOST_SPOTS * board.count else None
+        if best is None or _members(lattice) > _members(best[1]):
+            best = found, lattice
+        large = len(found.areas_px) > 0 and float(np.median(found.areas_px)) >= LARGE_PX2 * 4**halvings
+        if _members(lattice) == board.count or (large and _members(lattice) > LEAST_SEEN * board.count):
+            break
+    assert best is not None
+    return best
+
+
+def _members(lattice: Lattice | None) -> int:
+    return 0 if lattice is None else len(lattice.members)
 
 
 def _check_picture(pixels: Pixels) -> None:
@@ -76,25 +103,23 @@ def _check_picture(pixels: Pixels) -> None:
         )
 
 
-def _lattice(pixels: Pixels, found: Candidates, board: DotBoard) -> Lattice:
+def _whole(pixels: Pixels, found: Candidates, lattice: Lattice | None, board: DotBoard) -> Lattice:
     """All dots of the board as a full lattice, or BoardNotFound saying what is missing."""
     count = len(found.areas_px)
-    if count > MOST_CANDIDATES:
+    if count > MOST_SPOTS * board.count:
         raise BoardNotFound(
             "dots", f"{count} round spots in the picture, the board has {board.count}: is this the board?"
         )
-    lattice = find_lattice(found.centres_px)
-    if lattice is None or len(lattice.members) < 4:
+    if lattice is None or len(lattice.members) < LEAST_LATTICE * board.count:
         bright = float(np.mean(pixels[::8, ::8] >= SATURATED)) * 100
         raise BoardNotFound(
             "dots",
-            f"{count} round dark spots, none of them in rows and columns, {board.count} are wanted"
+            f"{count} round dark spots, {_members(lattice)} of them in rows and columns, {board.count} are wanted"
             + (f"; {bright:.0f} % of the picture is saturated: expose for a shorter time" if bright > 20 else ""),
             wanted=board.count,
         )
-    seen = len(lattice.members)
     full = sorted(lattice.size) == sorted((board.columns, board.rows))
-    if seen == board.count and full:
+    if len(lattice.members) == board.count and full:
         return lattice
     raise _incomplete(pixels, found, lattice, board)
 
@@ -138,52 +163,17 @@ def _missing_places(lattice: Lattice, board: DotBoard) -> NDArray[np.int64]:
     return np.array(missing, dtype=np.int64).reshape(-1, 2)
 
 
-def _board_order(lattice: Lattice, found: Candidates, board: DotBoard, mirrored: bool) -> NDArray[np.int64]:
-    """Index of the candidate for every dot in board order; the larger corner dot says how the board lies."""
-    places, areas = lattice.places, found.areas_px[lattice.members]
-    size = np.array(lattice.size)
-    corner = places[int(areas.argmax())]
-    ratio = float(areas.max() / np.median(areas))
-    wanted = (board.origin_dot_mm / board.dot_mm) ** 2
-    at_corner = bool(np.all((corner == 0) | (corner == size - 1)))
-    if not at_corner or ratio < LEAST_ORIGIN_RATIO * wanted:
-        raise BoardNotFound(
-            "origin dot",
-            f"the largest dot is {ratio:.2f} times a usual one ({wanted:.2f} wanted) and "
-            f"{'at' if at_corner else 'not at'} a corner: clean the board, or is it another board?",
-            seen=len(areas),
-            wanted=board.count,
-        )
-    from_corner = np.abs(places - corner)
-    steps = lattice.steps_px * np.where(corner == 0, 1, -1)[:, None]
-    square = board.columns == board.rows  # such a board may be read along either side: take the one as described
-    if lattice.size[0] != board.columns or (square and _is_mirrored(steps) != mirrored):
-        from_corner, steps = from_corner[:, ::-1], steps[::-1]
-    if _is_mirrored(steps) != mirrored:
-        seen, described = ("as it is", "mirrored") if mirrored else ("mirrored", "as it is")
-        raise BoardNotFound(
-            "mirrored",
-            f"the board appears {seen}, but this camera is described as seeing things {described}: is the plate "
-            "upside down, the picture flipped, or the wrong camera set?",
-            seen=len(areas),
-            wanted=board.count,
-        )
-    order = np.empty(board.count, dtype=np.int64)
-    order[from_corner[:, 1] * board.columns + from_corner[:, 0]] = lattice.members
-    return order
-
-
-def _is_mirrored(steps_px: FloatArray) -> bool:
-    return bool(np.linalg.det(steps_px) < 0)
-
-
-def _measure(pixels: Pixels, found: Candidates, order: NDArray[np.int64], board: DotBoard) -> list[Spot]:
-    """Every dot to sub-pixel, in board order."""
-    usual = math.sqrt(float(np.median(found.areas_px[order])) / math.pi)
+def _measure(
+    pixels: Pixels, found: Candidates, order: NDArray[np.int64], usual: FloatArray, board: DotBoard
+) -> list[Spot]:
+    """Every dot to sub-pixel, in board order; `usual` (count,) is the area that a usual dot has at each place."""
+    places = board.points_mm / board.pitch_mm
+    steps = local_steps(homography(places, found.centres_px[order]), places)
+    radii = np.sqrt(usual / (math.pi * np.abs(np.linalg.det(steps))))
+    radii[0] *= board.origin_dot_mm / board.dot_mm
     spots: list[Spot] = []
     for place, index in enumerate(order.tolist()):
-        radius = usual * (board.origin_dot_mm / board.dot_mm if place == 0 else 1.0)
-        spot = measure_spot(pixels, found.centres_px[index], radius)
+        spot = measure_spot(pixels, found.centres_px[index], steps[place] * radii[place])
         if spot is None:
             name = f"({place % board.columns}, {place // board.columns})"
             raise BoardNotFound(
@@ -237,14 +227,18 @@ def _result(spots: list[Spot], board: DotBoard, shape: tuple[int, ...]) -> Dots:
 
 
 def _flatness(centres: FloatArray, points_mm: FloatArray, shape: tuple[int, ...]) -> tuple[FloatArray, float]:
-    """Residuals (n, 2) of an even board behind an affine map with k1 about the picture's centre, and px per mm."""
+    """Residuals (n, 2) of an even board seen in perspective with k1 about the picture's centre, and px per mm.
+
+    Linear in all unknowns: px (1 + g mm) = A mm + b + k1 bent (1 + g mm), the last factor taken as 1.
+    """
     away = centres - (np.array(shape[::-1]) - 1) / 2
     bent = away * (away**2).sum(1, keepdims=True) / max(shape) ** 2
-    even = np.column_stack([points_mm, np.ones(len(points_mm))])
-    nothing = np.zeros_like(even)
-    design = np.concatenate([np.hstack([even, nothing, bent[:, :1]]), np.hstack([nothing, even, bent[:, 1:]])])
-    right = centres.T.ravel()
+    board = points_mm - points_mm.mean(0)
+    even, nothing = np.column_stack([board, np.ones(len(board))]), np.zeros((len(board), 3))
+    rows_u = np.hstack([even, nothing, bent[:, :1], -board * away[:, :1]])
+    rows_v = np.hstack([nothing, even, bent[:, 1:], -board * away[:, 1:]])
+    design, right = np.concatenate([rows_u, rows_v]), away.T.ravel()
     found = np.linalg.lstsq(design, right, rcond=None)[0]
-    residuals = (right - design @ found).reshape(2, -1).T
+    residuals = (right - design @ found).reshape(2, -1).T / (1 + board @ found[7:])[:, None]
     (a, b, _), (c, d, _) = found[:6].reshape(2, 3)
     return residuals, math.sqrt(abs(float(a * d - b * c)))

@@ -40,3 +40,11 @@ class PosesDisagree(CalibrationError):
 
 class PlanImpossible(CalibrationError):
     """No set of poses keeps the board in view, the arm in reach and the unknowns apart."""
+
+
+class UnreadablePoses(CalibrationError):
+    """A file of poses is not as it should be; `check` is file:line:column."""
+
+
+class LensRefused(CalibrationError):
+    """The pictures do not tell what the lens is like, or not this lens."""

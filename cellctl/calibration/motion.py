@@ -58,19 +58,22 @@ def check_motion(poses: Sequence[Pose]) -> Spread:
         raise DegenerateMotion(
             "rotation spread",
             f"the tool turns by {spread.rotation_deg:.1f} deg in all, at least {LEAST_ROTATION_DEG:g} deg are "
-            "needed: let the plan turn it by +-25 deg",
+            "needed: without rotation the camera's place, in x and in y, cannot be told from the board's; let the plan "
+            "turn it by +-25 deg or more, or, for a camera on the second arm, use the elbow on both its sides",
         )
     if spread.travel_mm < LEAST_TRAVEL_MM:
         raise DegenerateMotion(
             "travel",
             f"apart from turning, the tool moves by {spread.travel_mm:.2f} mm in all, at least {LEAST_TRAVEL_MM:g} mm "
-            "are needed: spread the positions over +-2 mm in x and y",
+            "are needed: without travel the camera's direction cannot be told from the board's; spread the positions "
+            "over +-2 mm in x and y",
         )
     if spread.across_mm < LEAST_TRAVEL_MM:
         raise DegenerateMotion(
             "travel on a line",
             f"apart from turning, the tool moves by {spread.travel_mm:.2f} mm along one line and only "
-            f"{spread.across_mm:.2f} mm across it, at least {LEAST_TRAVEL_MM:g} mm are needed: spread the positions "
-            "over +-2 mm in x and y",
+            f"{spread.across_mm:.2f} mm across it, at least {LEAST_TRAVEL_MM:g} mm are needed: across that line the "
+            "picture's scale and direction would come from the board's drawing alone; spread the positions over +-2 mm "
+            "in x and y",
         )
     return spread

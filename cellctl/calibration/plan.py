@@ -12,10 +12,13 @@ import numpy as np
 
 from cellctl.calibration.accuracy import Predicted, covariance, predict
 from cellctl.calibration.board import DotBoard
-from cellctl.calibration.bundle import Bundle
+from cellctl.calibration.bundle import Bundle, Shots
+from cellctl.calibration.design import Choice, best_poses, wanted_errors
 from cellctl.calibration.errors import DegenerateMotion, PlanImpossible
 from cellctl.calibration.motion import Spread, check_motion
-from cellctl.calibration.scara import Noise, Setup, pose_array
+from cellctl.calibration.parameters import prior_sd
+from cellctl.calibration.plane_map import Lens
+from cellctl.calibration.scara import FloatArray, Noise, Setup, pose_array
 from cellctl.calibration.view import (
     LENS_ALLOWANCE_PX,
     board_in_view,
@@ -24,12 +27,14 @@ from cellctl.calibration.view import (
     picture_centre_px,
     pose_seeing,
 )
-from cellctl.geometry import Pose, Px
+from cellctl.geometry import Mm, Pose, Px
+from cellctl.keep_out import Area, touched_at, touched_on_the_way
+from cellctl.mount import Elbow, Mount, OutOfReach, Stop
 
-Reach = Callable[[Pose], bool]
-
-GOLDEN_DEG = 137.508  # turning by it spreads any number of directions evenly
+TURNS = 13  # rotations that are considered, over the whole range
+MOST_AT_ONE_TURN = 0.2  # part of the poses: whatever one rotation of the tool has for errors of its own is averaged
 MM_PER_DEG = 0.5  # what turning by a degree costs against travelling a mm, for the order of the poses
+ELBOW_MM = 1000.0  # and what swinging the elbow over costs
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,74 +44,104 @@ class PlanRequest:
     count: int = 15
     rotation_deg: float = 25.0  # to either side of `start_deg`
     start_deg: float = 0.0
-    travel_mm: float = 2.0  # to either side, in the picture's directions
+    travel_mm: float = 5.0  # to either side, in the picture's directions, as far as the board stays in view
     margin_mm: float = 1.0
 
 
-class Plan(NamedTuple):
-    """Robot poses in the order to visit them, and what they will give."""
+@dataclass(frozen=True, eq=False)
+class Task:
+    """What is to be calibrated: the camera as it is believed to stand, the board, and the arm that moves.
 
-    poses: tuple[Pose, ...]
+    `reaches` says whether the robot may stop somewhere. The mount is that of the camera (eye_in_hand), or the tool
+    which holds the board (eye_to_hand).
+    """
+
+    setup: Setup
+    board: DotBoard
+    picture_px: tuple[int, int]
+    mount: Mount
+    reaches: Callable[[Stop], bool]
+    areas: Sequence[Area] = ()  # that arms and tool keep out of
+    lens: Lens = "telecentric"
+
+    def possible(self, stop: Stop) -> bool:
+        """Whether the robot may stop there."""
+        return self.reaches(stop) and not touched_at(self.mount, stop, self.areas)
+
+    def frame(self, stop: Stop) -> Pose:
+        """The pose that the calibration is about: robot_from_mount."""
+        return self.mount.frame(stop.tool, stop.elbow)
+
+    def stop_seeing(self, point: Mm, at: Px, turn_deg: float, elbow: Elbow | None = None) -> Stop:
+        """The stop, with this R, at which a point of the board appears at a place in the picture. OutOfReach."""
+        elbow = elbow or self.mount.elbow
+        if self.setup.kind == "eye_to_hand":
+            return Stop(pose_seeing(self.setup, point, at, turn_deg), elbow)
+        axis, over = self.setup.plane_map.mm_at(at), self.setup.board.point(*point)
+        return Stop(self.mount.tool_showing(over, axis, turn_deg, elbow), elbow)
+
+
+class Plan(NamedTuple):
+    """Stops of the robot in the order to visit them, the mount's poses there, and what they will give."""
+
+    stops: tuple[Stop, ...]
+    poses: tuple[Pose, ...]  # robot_from_mount
     spread: Spread
     predicted: Predicted
 
+    @property
+    def text(self) -> str:
+        """What they will give, for people."""
+        return (
+            f"{self.predicted.absolute_um:.1f} um absolute and {self.predicted.differential_um:.2f} um for differences "
+            f"expected (one sigma), rotation over {self.spread.rotation_deg:.0f} deg"
+        )
 
-def plan_hand_eye(
-    setup: Setup,
-    board: DotBoard,
-    picture_px: tuple[int, int],
-    reach: Reach,
-    request: PlanRequest | None = None,
-    noise: Noise | None = None,
-) -> Plan:
-    """Poses that keep the whole board in view with a margin and spread positions and rotations; deterministic.
 
-    Rotations lie denser towards both ends, since they tell most. `reach` says whether the robot may go to a pose.
-    Raises PlanImpossible when a pose cannot be made good or the poses left cannot tell the unknowns apart.
+def plan_hand_eye(task: Task, request: PlanRequest | None = None, noise: Noise | None = None) -> Plan:
+    """The stops that tell most of those that keep the whole board in view, with a margin, and in reach; deterministic.
+
+    A camera on the second arm turns only when the elbow changes sides, so both sides are used. Raises PlanImpossible
+    when too few stops are possible, or when they cannot tell the unknowns apart, saying what cannot be seen.
     """
-    request = request or PlanRequest()
-    poses = [_best_pose(setup, board, picture_px, reach, request, i) for i in range(request.count)]
-    poses = _short_path(poses)
+    request, noise = request or PlanRequest(), noise or Noise()
+    possible = _possible_stops(task, request)
+    chosen = [possible[i] for i in _best(task, possible, request.count, noise)]
+    stops = _short_path(chosen, task.mount.elbow)
+    _check_way(task, stops)
+    poses = [task.frame(stop) for stop in stops]
     try:
         spread = check_motion(poses)
     except DegenerateMotion as error:
         raise PlanImpossible(error.check, f"within view and reach {error.detail}") from error
-    return Plan(tuple(poses), spread, predict_plan(setup, poses, board, picture_px, noise))
+    return Plan(tuple(stops), tuple(poses), spread, predict_plan(task, stops, noise))
 
 
-def predict_plan(
-    setup: Setup,
-    poses: Sequence[Pose],
-    board: DotBoard,
-    picture_px: tuple[int, int],
-    noise: Noise | None = None,
-) -> Predicted:
-    """The accuracy that pictures at these poses will give, from the Jacobian alone: before anything moves."""
-    centre = picture_centre_px(picture_px)
-    pivot = setup.plane_map.mm_from_px(centre[None])[0]
-    bundle = Bundle(setup.kind, pose_array(poses), board.points_mm, noise or Noise(), pivot, centre)
-    u, v = centre.tolist()
-    x = bundle.unknowns(setup)
-    parameters = covariance(bundle, bundle.normal(x, bundle.px(x)))
-    return predict(setup.plane_map, parameters, Px(u, v))
+def predict_plan(task: Task, stops: Sequence[Stop], noise: Noise | None = None) -> Predicted:
+    """The accuracy that pictures at these stops will give, from the Jacobian alone: before anything moves."""
+    bundle, x = _expected(task, stops, noise or Noise())
+    parameters = covariance(bundle, x, bundle.normal(x))
+    u, v = picture_centre_px(task.picture_px).tolist()
+    return predict(task.setup.plane_map, parameters, Px(u, v))
 
 
 def plan_tool_centre(
-    setup: Setup,
-    board: DotBoard,
-    picture_px: tuple[int, int],
-    reach: Reach,
-    rotations_deg: Sequence[float] = (-60.0, -45.0, -30.0, -15.0, 0.0, 15.0, 30.0, 45.0, 60.0),
+    task: Task, rotations_deg: Sequence[float] = (-60.0, -45.0, -30.0, -15.0, 0.0, 15.0, 30.0, 45.0, 60.0)
 ) -> tuple[Pose, ...]:
     """Pure rotations of a held board (eye_to_hand) at the one place that keeps it best in view.
 
     Raises PlanImpossible when fewer than three of the rotations are in view and in reach.
     """
-    u, v = picture_centre_px(picture_px).tolist()
+    setup, board = task.setup, task.board
+    u, v = picture_centre_px(task.picture_px).tolist()
     seen = [pose_seeing(setup, board_middle(board), Px(u, v), turn) for turn in rotations_deg]
     x_mm, y_mm = (np.max([pose[:2] for pose in seen], 0) + np.min([pose[:2] for pose in seen], 0)) / 2
     poses = [Pose(float(x_mm), float(y_mm), turn) for turn in rotations_deg]
-    good = tuple(pose for pose in poses if board_in_view(setup, pose, board, picture_px) and reach(pose))
+    good = tuple(
+        pose
+        for pose in poses
+        if board_in_view(setup, pose, board, task.picture_px) and task.possible(Stop(pose, task.mount.elbow))
+    )
     if len(good) < 3:
         raise PlanImpossible(
             "tool centre",
@@ -116,66 +151,115 @@ def plan_tool_centre(
     return good
 
 
-def _best_pose(
-    setup: Setup, board: DotBoard, picture_px: tuple[int, int], reach: Reach, request: PlanRequest, index: int
-) -> Pose:
-    """The wanted pose, or the nearest to it in rotation and position that is in view and in reach."""
-    seen = False
-    for turn_deg, u, v in _wishes(request, index):
-        at = _clipped_to_view(setup, board, picture_px, request.margin_mm, turn_deg, (u, v))
-        if at is None:
-            continue
-        seen = True
-        pose = pose_seeing(setup, board_middle(board), at, turn_deg)
-        if reach(pose):
-            return pose
-    why = "the robot cannot go there" if seen else "the board does not fit into the picture"
+# -- what is possible ------------------------------------------------------------------------------------------------
+
+
+def _possible_stops(task: Task, request: PlanRequest) -> list[Stop]:
+    """Every stop that is considered, in view and in reach. Raises PlanImpossible when there are too few."""
+    seen, reached = 0, []
+    for elbow, turn_deg in _turns(task, request):
+        for at in _places(task, request, turn_deg, elbow):
+            seen += 1
+            stop = _stop(task, at, turn_deg, elbow)
+            if stop is not None and task.possible(stop):
+                reached.append(stop)
+    if len(reached) < request.count:
+        _refuse(task, request, seen, len(reached))
+    return reached
+
+
+def _turns(task: Task, request: PlanRequest) -> Iterator[tuple[Elbow, float]]:
+    """Elbow and R. R does not turn a camera on the second arm, the elbow's side does."""
+    if task.mount.part == "arm_2":
+        yield "righty", request.start_deg
+        yield "lefty", request.start_deg
+        return
+    for turn_deg in np.linspace(-request.rotation_deg, request.rotation_deg, TURNS).tolist():
+        yield task.mount.elbow, request.start_deg + turn_deg
+
+
+def _places(task: Task, request: PlanRequest, turn_deg: float, elbow: Elbow) -> Iterator[Px]:
+    """Where the board's middle may appear so that all of it is seen: an even grid; none if the board is too large."""
+    middle, board = picture_centre_px(task.picture_px), task.board
+    centred = _stop(task, Px(*middle.tolist()), turn_deg, elbow)
+    if centred is None:
+        return
+    around = board_px(task.setup, task.frame(centred), np.vstack([board.outline_mm, board.centre_mm]))
+    extent = around[:-1] - around[-1]
+    px_per_mm = 1 / task.setup.plane_map.mm_per_px
+    margin = request.margin_mm * px_per_mm + LENS_ALLOWANCE_PX
+    low, high = margin - extent.min(0), np.array(task.picture_px) - 1 - margin - extent.max(0)
+    if np.any(low > high):
+        return
+    travel = request.travel_mm * px_per_mm
+    low, high = np.maximum(low, middle - travel), np.minimum(high, middle + travel)
+    per_side = 5 if task.mount.part == "arm_2" else 3
+    for u, v in itertools.product(*(np.linspace(a, b, per_side).tolist() for a, b in zip(low, high, strict=True))):
+        yield Px(u, v)
+
+
+def _stop(task: Task, at: Px, turn_deg: float, elbow: Elbow) -> Stop | None:
+    try:
+        return task.stop_seeing(board_middle(task.board), at, turn_deg, elbow)
+    except OutOfReach:
+        return None
+
+
+def _refuse(task: Task, request: PlanRequest, seen: int, reached: int) -> None:
+    start = f"{request.start_deg:g} +- {request.rotation_deg:g} deg with {request.margin_mm:g} mm margin"
+    if seen < request.count:
+        raise PlanImpossible(
+            "view",
+            f"the board does not fit into the picture at enough rotations ({seen} places at {start}, {request.count} "
+            "are needed): use a smaller board, or turn it so that both elbows see it along the picture's sides"
+            if task.mount.part == "arm_2"
+            else f"the board does not fit into the picture at enough rotations ({seen} places at {start}, "
+            f"{request.count} are needed): use a smaller board or margin",
+        )
     raise PlanImpossible(
-        "reach" if seen else "view",
-        f"pose {index + 1} of {request.count}: {why} at any rotation between {request.start_deg:g} and "
-        f"{request.start_deg + _turn_part(request, index) * request.rotation_deg:g} deg with {request.margin_mm:g} mm "
-        "margin: " + ("move the board or choose another start rotation" if seen else "use a smaller board or margin"),
+        "reach",
+        f"the robot cannot go to {seen - reached} of {seen} places at {start} where the board is in view, and "
+        f"{request.count} are needed: move the board, turn less, or mind the keep-out areas",
     )
 
 
-def _wishes(request: PlanRequest, index: int) -> Iterator[tuple[float, float, float]]:
-    """Rotation in deg and place in mm along u and v: first as wanted, then ever smaller."""
-    direction = math.radians(GOLDEN_DEG * index)
-    radius = request.travel_mm * (1.0 if index % 3 else 0.5)
-    for part in (1.0, 0.8, 0.6, 0.4, 0.2, 0.0):
-        turn_deg = request.start_deg + part * _turn_part(request, index) * request.rotation_deg
-        for nearer in (1.0, 0.5, 0.0):
-            yield turn_deg, nearer * radius * math.cos(direction), nearer * radius * math.sin(direction)
+# -- what is best ----------------------------------------------------------------------------------------------------
 
 
-def _turn_part(request: PlanRequest, index: int) -> float:
-    """From -1 to 1 over all poses, denser at the ends."""
-    return -math.cos(math.pi * index / max(1, request.count - 1))
+def _best(task: Task, possible: Sequence[Stop], count: int, noise: Noise) -> list[int]:
+    bundle, x = _expected(task, possible, noise)
+    most = count if task.mount.part == "arm_2" else math.ceil(MOST_AT_ONE_TURN * count)
+    turns = np.unique([stop.tool.t_deg for stop in possible], return_inverse=True)[1]
+    choice = Choice(count, np.asarray(turns, np.intp), most)
+    return best_poses(bundle, x, wanted_errors(task.setup.plane_map, task.picture_px), choice)
 
 
-def _clipped_to_view(
-    setup: Setup,
-    board: DotBoard,
-    picture_px: tuple[int, int],
-    margin_mm: float,
-    turn_deg: float,
-    wish_mm: tuple[float, float],
-) -> Px | None:
-    """Where the board's middle may appear, nearest to the wish, so that all of it is seen; None if it is too large."""
-    around = board_px(setup, Pose(0.0, 0.0, turn_deg), np.vstack([board.outline_mm, board.centre_mm]))
-    extent = around[:-1] - around[-1]
-    margin = margin_mm / setup.plane_map.mm_per_px + LENS_ALLOWANCE_PX
-    low, high = margin - extent.min(0), np.array(picture_px) - 1 - margin - extent.max(0)
-    if np.any(low > high):
-        return None
-    wish = picture_centre_px(picture_px) + np.array(wish_mm) / setup.plane_map.mm_per_px
-    u, v = np.clip(wish, low, high).tolist()
-    return Px(u, v)
+def _expected(task: Task, stops: Sequence[Stop], noise: Noise) -> tuple[Bundle, FloatArray]:
+    """The adjustment that pictures at these stops will lead to, and its unknowns."""
+    setup, board = task.setup, task.board
+    centre = picture_centre_px(task.picture_px)
+    pivot = setup.plane_map.mm_from_px(centre[None])[0]
+    poses = pose_array([task.frame(stop) for stop in stops])
+    shots = Shots(
+        poses,
+        np.zeros((len(poses), board.count, 2)),
+        np.zeros(len(poses)),
+        task.mount.scatter(stops, noise.robot_sd_mm, noise.robot_sd_deg),
+    )
+    believed = prior_sd(task.lens, task.picture_px, 1 / setup.plane_map.mm_per_px)
+    bundle = Bundle(setup.kind, shots, board.points_mm, noise.dot_sd_px, pivot, centre, believed)
+    return bundle, bundle.unknowns(setup)
 
 
-def _short_path(poses: list[Pose]) -> list[Pose]:
-    """The same poses in an order of short travel: sorted by rotation, then improved by reversing stretches."""
-    path = sorted(poses, key=lambda pose: (pose.t_deg, pose.x_mm, pose.y_mm))
+# -- in which order --------------------------------------------------------------------------------------------------
+
+
+def _short_path(stops: list[Stop], last: Elbow) -> list[Stop]:
+    """The same stops in an order of short travel: sorted by elbow and rotation, improved by reversing stretches.
+
+    It ends with the elbow on the given side.
+    """
+    path = sorted(stops, key=lambda stop: (stop.elbow == last, *stop.tool[::-1]))
     better = True
     while better:
         better = False
@@ -184,11 +268,24 @@ def _short_path(poses: list[Pose]) -> list[Pose]:
                 turned = path[:i] + path[i : j + 1][::-1] + path[j + 1 :]
                 if _length(turned) < _length(path) - 1e-9:
                     path, better = turned, True
-    return path
+    return path if path[-1].elbow == last else path[::-1]
 
 
-def _length(path: list[Pose]) -> float:
+def _check_way(task: Task, stops: list[Stop]) -> None:
+    for number, (start, end) in enumerate(itertools.pairwise(stops), 1):
+        if area := touched_on_the_way(task.mount, start, end, task.areas):
+            why = "where the elbow changes sides" if start.elbow != end.elbow else "which lie on both sides of it"
+            raise PlanImpossible(
+                "keep-out",
+                f"between pose {number} and {number + 1}, {why}, the arm would come through {area!r}: move the board, "
+                "or what stands there",
+            )
+
+
+def _length(path: list[Stop]) -> float:
     return sum(
-        math.hypot(b.x_mm - a.x_mm, b.y_mm - a.y_mm) + MM_PER_DEG * abs(b.t_deg - a.t_deg)
+        math.hypot(b.tool.x_mm - a.tool.x_mm, b.tool.y_mm - a.tool.y_mm)
+        + MM_PER_DEG * abs(b.tool.t_deg - a.tool.t_deg)
+        + ELBOW_MM * (a.elbow != b.elbow)
         for a, b in itertools.pairwise(path)
     )

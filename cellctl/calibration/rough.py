@@ -9,12 +9,14 @@ import numpy as np
 
 from cellctl.calibration.board import DotBoard
 from cellctl.calibration.errors import PosesDisagree
+from cellctl.calibration.linear import linear_start
 from cellctl.calibration.plane_map import PlaneMap
-from cellctl.calibration.scara import FloatArray, Setup, linear_start, pose_array, rotation
+from cellctl.calibration.scara import FloatArray, Setup, pose_array, rotation
 from cellctl.calibration.view import picture_centre_px
-from cellctl.geometry import Pose, wrap_deg
+from cellctl.geometry import Pose, Px, wrap_deg
 
 MOST_ROUGH_SCALE_ERROR = 0.05
+BACK = 0.12  # part of the picture by which a board that leaves it is brought back at a time
 
 
 def rough_steps(
@@ -30,6 +32,14 @@ def rough_steps(
         to_middle_mm = -rotation(math.radians(start.t_deg)) @ to_middle_mm
     dx, dy = np.copysign(step_mm, to_middle_mm).tolist()
     return start._replace(x_mm=start.x_mm + dx), start._replace(y_mm=start.y_mm + dy)
+
+
+def back_into_view(at: Px, sides: Sequence[str], picture_px: tuple[int, int]) -> Px:
+    """Where to show the board next when it was meant to be at a place and left the picture at these sides."""
+    width, height = picture_px
+    du = ("left" in sides) - ("right" in sides)
+    dv = ("top" in sides) - ("bottom" in sides)
+    return Px(at.u + du * BACK * width, at.v + dv * BACK * height)
 
 
 def rough_setup(

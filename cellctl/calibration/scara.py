@@ -1,14 +1,15 @@
-"""The planar hand-eye problem of a SCARA with a telecentric camera: the model, and its linear solution.
+"""The planar hand-eye problem of a SCARA: the model.
 
 All rotations of a SCARA are about one direction, so AX = XB and CX = XD are rank deficient: the z part of X cannot
 be seen, and general solvers fail or run away. In the plane the problem is well posed:
 
-    eye_in_hand: q = R(-r) (T + R(p) g - t)     q in the tool frame,  T, p = the board in the robot frame
-    eye_to_hand: q = t + R(r) (T + R(p) g)      q in the robot frame, T, p = the board in the tool frame
-    undistorted px = A q + b;  px = undistorted + (undistorted - c) k1 |undistorted - c|^2
+    eye_in_hand: q = R(-r) (T + R(p) m - t)     q in the mount's frame, T, p = the board in the robot frame
+    eye_to_hand: q = t + R(r) (T + R(p) m)      q in the robot frame,   T, p = the board in the tool frame
+    flat px = (A q + b + s z) / (1 + g.q + h z);  px = c + distort(flat - c)      (see plane_map.py)
 
-g are the board's points; t, r the robot's pose. `bundle.py` refines the linear solution. `eye_in_hand` also serves a
-camera on the second arm when t, r are that arm's pose instead of the tool's.
+m are the board's points; t, r the pose of what carries the camera, the tool or the second arm (see mount.py), or of
+the tool that holds the board; z is how far the robot's Z is below the height for which the map shall hold. `linear.py`
+solves without lens and noise, `bundle.py` refines that.
 """
 
 from __future__ import annotations
@@ -52,16 +53,6 @@ class Setup(NamedTuple):
     board: Pose
 
 
-class Linear(NamedTuple):
-    """Linear solution. `scale` is the board's pitch over the robot's travel, 1 when both are right."""
-
-    matrix: FloatArray
-    offset: FloatArray
-    board_mm: FloatArray
-    board_rad: float
-    scale: float
-
-
 def rotation(angle_rad: FloatArray | float) -> FloatArray:
     """Rotation matrices (..., 2, 2)."""
     c, s = np.cos(angle_rad), np.sin(angle_rad)
@@ -84,63 +75,3 @@ def plane_points_mm(kind: Kind, board: FloatArray, poses: FloatArray, board_mm: 
     else:
         seen = place + fixed @ rotation(-poses[:, 2])
     return seen
-
-
-def linear_start(
-    kind: Kind,
-    poses: FloatArray,
-    dots_px: FloatArray,
-    board_mm: FloatArray,
-    nominal: tuple[Setup, FloatArray] | None = None,
-) -> Linear:
-    """Solve without distortion and without robot noise, in closed form.
-
-    Per picture px = L g + d. L is A R(p) turned by the robot, so K = A R(p) is their mean turned back; with it d is
-    linear in cos p and sin p, the board's place and the offset. `nominal` (a setup and the picture's centre px) adds
-    what is known by drawing as weak equations, so that pictures without rotation can be solved as well.
-    """
-    middle = board_mm.mean(0)
-    design = np.column_stack([board_mm - middle, np.ones(len(board_mm))])
-    side_by_side = dots_px.transpose(1, 0, 2).reshape(len(design), -1)
-    fits = np.linalg.lstsq(design, side_by_side, rcond=None)[0].reshape(3, -1, 2).transpose(1, 2, 0)
-    turn = poses[:, 2] if kind == "eye_in_hand" else -poses[:, 2]
-    common = np.mean(fits[:, :, :2] @ rotation(turn), axis=0)
-    rows, right = _linear_rows(kind, poses, common), fits[:, :, 2].reshape(-1)
-    if nominal is not None:
-        rows, right = _with_nominal(rows, right, common, nominal, middle)
-    p_cos, p_sin, *rest = np.linalg.lstsq(rows, right, rcond=None)[0].tolist()
-    angle = math.atan2(p_sin, p_cos)
-    place = rotation(angle) @ rest[:2] - rotation(angle) @ middle
-    return Linear(common @ rotation(-angle), np.array(rest[2:]), place, angle, math.hypot(p_cos, p_sin))
-
-
-def _linear_rows(kind: Kind, poses: FloatArray, common: FloatArray) -> FloatArray:
-    """Columns: cos p, sin p, the board's middle turned by -p (2), the offset (2); two rows per picture."""
-    count = len(poses)
-    place = np.stack([poses[:, :2], -poses[:, :2] @ QUARTER.T], axis=-1)  # R(-p) t = place @ (cos p, sin p)
-    if kind == "eye_in_hand":
-        back = common @ rotation(-poses[:, 2])
-        blocks = [-back @ place, back, np.broadcast_to(np.eye(2), (count, 2, 2))]
-    else:
-        blocks = [common @ place, common @ rotation(poses[:, 2]), np.broadcast_to(np.eye(2), (count, 2, 2))]
-    return np.concatenate(blocks, axis=-1).reshape(-1, 6)
-
-
-def _with_nominal(
-    rows: FloatArray, right: FloatArray, common: FloatArray, nominal: tuple[Setup, FloatArray], middle: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Add that the picture's centre looks at the drawn place and that the board lies where drawn, weighted low."""
-    setup, picture_centre = nominal
-    axis = setup.plane_map.mm_from_px(picture_centre[None])[0]
-    board = np.array(setup.board.point(*middle.tolist()))
-    looks = np.zeros((2, 6))
-    looks[:, :2] = common @ np.column_stack([axis, -QUARTER @ axis])
-    looks[:, 4:] = np.eye(2)
-    lies = np.zeros((2, 6))
-    lies[:, :2] = -np.column_stack([board, -QUARTER @ board])
-    lies[:, 2:4] = np.eye(2)
-    weight = 1e-3  # 2 mm of the drawing weigh as much as 2 um of the robot
-    lies *= 1.0 / setup.plane_map.mm_per_px
-    more = np.concatenate([looks, lies]) * weight
-    wanted = np.concatenate([picture_centre, np.zeros(2)]) * weight
-    return np.concatenate([rows, more]), np.concatenate([right, wanted])

@@ -11,7 +11,7 @@ from cellctl.calibration.plane_map import PlaneMap
 from cellctl.calibration.scara import FloatArray, Kind, Setup, plane_points_mm, pose_array, rotation
 from cellctl.geometry import Mm, Pose, Px
 
-LENS_ALLOWANCE_PX = 3.0  # the lens' distortion, which is left out here
+LENS_ALLOWANCE_PX = 3.0  # what a lens may bend that is not known yet
 
 
 def drawn_setup(
@@ -55,15 +55,18 @@ def start_pose(setup: Setup, board: DotBoard, picture_px: tuple[int, int], rotat
 
 def board_in_view(setup: Setup, pose: Pose, board: DotBoard, picture_px: tuple[int, int]) -> bool:
     """Does the picture at this pose hold all of the board?"""
-    outline = board_px(setup, pose, board.outline_mm)
+    try:
+        outline = board_px(setup, pose, board.outline_mm)
+    except ValueError:
+        return False
     size = np.array(picture_px)
     return bool(np.all(outline > LENS_ALLOWANCE_PX) and np.all(outline < size - 1 - LENS_ALLOWANCE_PX))
 
 
 def board_px(setup: Setup, pose: Pose, board_mm: FloatArray) -> FloatArray:
-    """Where board points (m, 2) appear at a pose, (m, 2), without the lens' few px of distortion."""
+    """Where board points (m, 2) appear at a pose, (m, 2). Raises ValueError for points far outside the lens."""
     plane = plane_points_mm(setup.kind, pose_array([setup.board])[0], pose_array([pose]), board_mm)[0]
-    return np.asarray(plane @ setup.plane_map.matrix.T + np.array(setup.plane_map.offset_px), np.float64)
+    return setup.plane_map.px_from_mm(plane)
 
 
 def board_middle(board: DotBoard) -> Mm:

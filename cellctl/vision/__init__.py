@@ -2,7 +2,9 @@
 
 from cellctl.vision.base import find_base
 from cellctl.vision.battery import find_battery
+from cellctl.vision.covariance import base_covariance, battery_covariance
 from cellctl.vision.features import (
+    Appearance,
     BaseMeasurement,
     BatteryMeasurement,
     Circle,
@@ -13,8 +15,10 @@ from cellctl.vision.features import (
     NotFound,
     Search,
 )
+from cellctl.vision.single import find_circle, find_edge
 
 __all__ = [
+    "Appearance",
     "BaseMeasurement",
     "BatteryMeasurement",
     "Circle",
@@ -24,6 +28,10 @@ __all__ = [
     "Limits",
     "NotFound",
     "Search",
+    "base_covariance",
+    "battery_covariance",
     "find_base",
     "find_battery",
+    "find_circle",
+    "find_edge",
 ]

@@ -14,10 +14,12 @@ from cellctl.geometry import Px
 from cellctl.vision.features import (
     BaseMeasurement,
     BatteryMeasurement,
+    Edge,
     ExpectedCircle,
     ExpectedEdge,
     Pixels,
 )
+from cellctl.vision.gap import GapMeasurement
 from cellctl.vision.picture import checked
 
 Colour: TypeAlias = tuple[int, int, int]  # blue, green, red
@@ -34,7 +36,7 @@ LINE_HEIGHT_PX, CHARACTER_PX, TEXT_SCALE = 26, 11.5, 0.62
 
 def annotate(
     pixels: Pixels,
-    measurement: BaseMeasurement | BatteryMeasurement | None,
+    measurement: BaseMeasurement | BatteryMeasurement | Edge | GapMeasurement | None,
     expected: tuple[ExpectedCircle | ExpectedEdge, ...],
     caption: str,
 ) -> NDArray[np.uint8]:
@@ -50,6 +52,14 @@ def annotate(
             _circle(drawn, feature.centre, feature.radius_px, EXPECTED, 1)
         else:
             _line(drawn, feature.start, feature.end, EXPECTED, 1)
+    _found(drawn, measurement)
+    _caption(drawn, caption)
+    return drawn
+
+
+def _found(
+    drawn: NDArray[np.uint8], measurement: BaseMeasurement | BatteryMeasurement | Edge | GapMeasurement | None
+) -> None:
     if isinstance(measurement, BaseMeasurement):
         _circle(drawn, measurement.circle.centre, measurement.circle.radius_px, FOUND, 2)
         _line(drawn, measurement.edge.start, measurement.edge.end, FOUND, 2)
@@ -59,8 +69,18 @@ def annotate(
             _line(drawn, edge.start, edge.end, FOUND, 2)
             _line(drawn, measurement.corner, edge.start, FOUND, 1)
         _cross(drawn, measurement.corner)
-    _caption(drawn, caption)
-    return drawn
+    elif isinstance(measurement, GapMeasurement):
+        _gap(drawn, measurement)
+    elif measurement is not None:
+        _line(drawn, measurement.start, measurement.end, FOUND, 2)
+
+
+def _gap(drawn: NDArray[np.uint8], measurement: GapMeasurement) -> None:
+    for slit in (measurement.slit_1, measurement.slit_2):
+        for edge, colour in ((slit.seat, EXPECTED), (slit.battery, FOUND)):
+            _line(drawn, edge.start, edge.end, colour, 1)
+    for corner in (measurement.seat_corner, measurement.battery_corner):
+        _cross(drawn, corner)
 
 
 def _fixed(p: Px) -> tuple[int, int] | None:

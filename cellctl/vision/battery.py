@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from cellctl.geometry import Px
+from cellctl.vision.covariance import corner_covariance
 from cellctl.vision.features import (
     BatteryMeasurement,
     Edge,
@@ -16,10 +15,12 @@ from cellctl.vision.features import (
     Pixels,
     Search,
 )
-from cellctl.vision.line import Line, Scan, measure_line, stretch
+from cellctl.vision.gates import check_in_view
+from cellctl.vision.line import measure_line
 from cellctl.vision.pair import Near, Side, Sides, catch_pair, square_off_deg
 from cellctl.vision.picture import checked, checked_search
-from cellctl.vision.plane import ahead, cross, direction, middle
+from cellctl.vision.plane import ahead, cross, direction
+from cellctl.vision.scan import Line, Scan, stretch
 
 OVERRUN_PX = (40.0, 260.0)  # past the corner: here the edge must have ended
 OVERRUN_STATIONS = 24
@@ -37,14 +38,14 @@ def find_battery(
     pixels = checked(pixels)
     sides = _sides(edge_1, edge_2, search, limits)
     near = catch_pair(pixels, sides, search, limits)
-    rough = _meet(sides, near[0].line, near[1].line)
+    rough = _meet(sides, near[0].caught.line, near[1].caught.line)
     line_1, seen_1 = _measure(pixels, sides[0], near[0], rough, limits)
     line_2, seen_2 = _measure(pixels, sides[1], near[1], rough, limits)
     corner = _meet(sides, line_1, line_2)
     for side, line, edge in ((sides[0], line_1, seen_1), (sides[1], line_2, seen_2)):
-        _check_end(pixels, side, line, corner, edge, limits)
+        check_end(pixels, side, line, corner, edge, limits)
     squareness = _checked_squareness(sides, seen_1, seen_2, limits)
-    return BatteryMeasurement(seen_1, seen_2, corner, _corner_sd(corner, seen_1, seen_2), squareness)
+    return BatteryMeasurement(seen_1, seen_2, corner, corner_covariance(corner, seen_1, seen_2), squareness)
 
 
 def _sides(edge_1: ExpectedEdge, edge_2: ExpectedEdge, search: Search, limits: Limits) -> Sides:
@@ -61,7 +62,9 @@ def _sides(edge_1: ExpectedEdge, edge_2: ExpectedEdge, search: Search, limits: L
 
 def _measure(pixels: Pixels, side: Side, near: Near, corner: Px, limits: Limits) -> tuple[Line, Edge]:
     first, last = side.used(pixels, corner, near.way, limits.corner_skip_px)
-    return measure_line(pixels, side.scan, near.line, first, last, limits, side.name)
+    expected_px = (side.length_px - limits.corner_skip_px) * near.way[side.scan.axis]
+    check_in_view(first, last, expected_px, limits, side.name)
+    return measure_line(pixels, side.scan, near.caught, first, last, limits, side.name)
 
 
 def _meet(sides: Sides, one: Line, two: Line) -> Px:
@@ -71,13 +74,13 @@ def _meet(sides: Sides, one: Line, two: Line) -> Px:
     return ahead(p, d, cross(Px(q.u - p.u, q.v - p.v), e) / cross(d, e))
 
 
-def _check_end(pixels: Pixels, side: Side, line: Line, corner: Px, edge: Edge, limits: Limits) -> None:
+def check_end(pixels: Pixels, side: Side, line: Line, corner: Px, edge: Edge, limits: Limits) -> None:
     """Raises NotFound when the edge goes on past the corner: then this is not the corner of a battery."""
     scan, way = side.scan, direction(edge.start, edge.end)
     first, last = stretch(scan, pixels, *(ahead(corner, way, -distance) for distance in OVERRUN_PX))
     if last - first < OVERRUN_STATIONS:
         raise NotFound("view", f"past the corner at ({corner.u:.0f}, {corner.v:.0f}) px there is too little picture")
-    along = np.linspace(first, last, OVERRUN_STATIONS).astype(np.int64)
+    along = first + np.arange(OVERRUN_STATIONS) * (last - first) // (OVERRUN_STATIONS - 1)
     rim = int(BESIDE_PX[-1]) + 1
     across = np.rint(line.across(along)).clip(rim, scan.limits(pixels)[1] - rim - 1).astype(np.int64)
     step, beside = scan.strides(pixels)
@@ -94,12 +97,3 @@ def _checked_squareness(sides: Sides, one: Edge, two: Edge, limits: Limits) -> f
     if abs(squareness) > limits.squareness_deg:
         raise NotFound("squareness", f"{squareness:+.3f} deg off, allowed are {limits.squareness_deg:.3f}")
     return squareness
-
-
-def _corner_sd(corner: Px, *edges: Edge) -> float:
-    """1 sigma of the corner per axis: each edge's offset and angle, carried from its middle to the corner."""
-    variance = 0.0
-    for edge in edges:
-        lever = math.dist(corner, middle(edge.start, edge.end))
-        variance += edge.offset_sd_px**2 + (lever * math.radians(edge.angle_sd_deg)) ** 2
-    return math.sqrt(variance / 2.0)

@@ -10,76 +10,36 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cellctl.geometry import Px
-from cellctl.vision.features import Circle, ExpectedCircle, Floats, Limits, NotFound, Pixels, Singles
-from cellctl.vision.gates import accept_outline
-from cellctl.vision.line import PASSES, step_response
-from cellctl.vision.profile import (
-    START_BLUR_PX,
-    Offsets,
-    block_offsets,
-    block_weights,
-    estimate_blur,
-    typical_height,
-)
-from cellctl.vision.robust import Fit, circle_consensus, covariance, tukey_fit
+from cellctl.vision.covariance import as_matrix
+from cellctl.vision.features import Circle, ExpectedCircle, Floats, Limits, NotFound, Pixels
+from cellctl.vision.gates import accept_outline, check_seen
+from cellctl.vision.line import ROUNDS
+from cellctl.vision.profile import Blocks, appearance, beliefs, better_width, block_offsets
+from cellctl.vision.robust import Fit, circle_consensus, covariance, middle, tukey_fit
+from cellctl.vision.steps import PLATEAU_PX, Response, Steps, respond, true_steps
+from cellctl.vision.strip import BAND_PX, Ring, Strip, check_inside, harmonics, ring, ring_strip
 
 RAYS = 72
 RAY_PX = 30  # to either side of the outline
-SECTORS = 128
-BAND_PX = 7.0
 FEWEST_SECTORS = 12
 GROWTH_PX = 24.0  # a circle is caught, and its radius then refused, up to this much beside its radius
-SPARE_PX = 4
 
 
 class _Rays(NamedTuple):
-    """Radial calipers about a pixel: steps to their pixels in the flat picture (3, rays, px), design (rays, 3)."""
+    """Radial calipers about a pixel: steps to their pixels in the flat picture (3, rays * px), design (rays, 3)."""
 
     places: NDArray[np.intp]
     design: Floats
-
-
-class _Ring(NamedTuple):
-    """Pixels in a band about a circle: steps in the flat picture and coordinates (sectors, px), design (sectors, 3)."""
-
-    places: NDArray[np.intp]
-    du: Singles
-    dv: Singles
-    design: Floats
-
-    def thinned(self, every: int) -> _Ring:
-        """Only one of so many sectors."""
-        return _Ring(self.places[::every], self.du[::every], self.dv[::every], self.design[::every])
 
 
 @lru_cache(maxsize=8)
 def _rays(radius: int, width: int) -> _Rays:
     phi = np.linspace(0.0, 2.0 * math.pi, RAYS, endpoint=False)
     c, s = np.cos(phi)[:, None], np.sin(phi)[:, None]
-    r, beside = radius + np.arange(-RAY_PX, RAY_PX + 1), np.array([-1.5, 0.0, 1.5])[:, None, None]
+    reach = RAY_PX + PLATEAU_PX
+    r, beside = radius + np.arange(-reach, reach + 1), np.array([-1.5, 0.0, 1.5])[:, None, None]
     du, dv = np.rint(c * r - s * beside), np.rint(s * r + c * beside)
-    return _Rays((dv * width + du).astype(np.intp), _harmonics(phi))
-
-
-@lru_cache(maxsize=8)
-def _ring(radius: int, width: int) -> _Ring:
-    m = math.ceil(radius + BAND_PX)
-    v, u = np.mgrid[-m : m + 1, -m : m + 1]
-    inside = np.abs(np.hypot(u, v) - radius) <= BAND_PX
-    u, v = u[inside], v[inside]
-    phi = np.arctan2(v, u)
-    order = np.argsort(phi, kind="stable")
-    order = order[np.linspace(0, order.size - 1, order.size // SECTORS * SECTORS).astype(np.intp)]
-    u, v = (a[order].reshape(SECTORS, -1) for a in (u, v))
-    places = (v * width + u).astype(np.intp)
-    return _Ring(
-        places, u.astype(np.float32), v.astype(np.float32), _harmonics(phi[order].reshape(SECTORS, -1).mean(axis=1))
-    )
-
-
-def _harmonics(phi: Floats) -> Floats:
-    """Radial shift by a shift of the centre and a growth."""
-    return np.stack([np.cos(phi), np.sin(phi), np.ones_like(phi)], axis=1)
+    return _Rays((dv * width + du).astype(np.intp).reshape(3, -1), harmonics(phi))
 
 
 class RoughCircle(NamedTuple):
@@ -87,82 +47,91 @@ class RoughCircle(NamedTuple):
 
     centre: Px
     radius_px: float
+    width_px: float  # of the blur, roughly
+    rival: float  # share of its rays that see another circle's outline near its own
 
 
 def catch_circle(pixels: Pixels, centre: Px, expected: ExpectedCircle, min_contrast: float) -> RoughCircle:
     """The circle that most radial calipers about a rough centre agree on. Raises NotFound when they do not."""
-    rays = _rays(round(expected.radius_px), pixels.shape[1])
+    radius, outward = round(expected.radius_px), 1 if expected.dark_inside else -1
+    rays = _rays(radius, pixels.shape[1])
     u, v = round(centre.u), round(centre.v)
-    _inside(pixels, u, v, expected.radius_px + RAY_PX)
-    profile = pixels.reshape(-1).take(rays.places + (v * pixels.shape[1] + u)).sum(axis=0, dtype=np.float32)
-    hit, height = step_response(profile / np.float32(3.0), 1.0 if expected.dark_inside else -1.0)
-    strong = height > 0.5 * min_contrast
-    d, design = (hit - RAY_PX)[strong], rays.design[strong]
-    together = circle_consensus(design, d, GROWTH_PX)
+    check_inside(pixels, u, v, expected.radius_px + RAY_PX + PLATEAU_PX)
+    taken = pixels.reshape(-1).take(rays.places + (v * pixels.shape[1] + u))
+    profiles = taken.sum(axis=0, dtype=np.uint16).reshape(RAYS, -1)[:, ::outward].astype(np.float32)
+    seen = respond(profiles)
+    steps = true_steps(seen)
+    strong = steps.height > 1.5 * min_contrast  # of the sum of three
+    d = outward * (steps.place - (RAY_PX + PLATEAU_PX))
+    together = circle_consensus(rays.design[strong], d[strong], GROWTH_PX)
     if together is None or np.count_nonzero(together) < FEWEST_SECTORS:
         raise NotFound("hole", f"no round outline near ({centre.u:.0f}, {centre.v:.0f}) px")
-    shift = tukey_fit(design, d, together.astype(np.float64), 2).parameters
-    return RoughCircle(Px(u + float(shift[0]), v + float(shift[1])), round(expected.radius_px) + float(shift[2]))
+    used = steps.only(strong).only(together)
+    shift = tukey_fit(rays.design[strong], d[strong], together.astype(np.float64), 2).parameters
+    found = outward * (rays.design @ shift)
+    beside = _beside(seen, found + (RAY_PX + PLATEAU_PX), rays.design, used)
+    du, dv, growth = shift.tolist()
+    rival = beside / np.count_nonzero(together)
+    return RoughCircle(Px(u + du, v + dv), radius + growth, used.width(), rival)
+
+
+def _beside(seen: Response, place: Floats, design: Floats, used: Steps) -> int:
+    """How many rays see a second step of at least half the height that makes another circle."""
+    other = true_steps(seen.without(place))
+    strong = other.height > 0.5 * middle(used.height)
+    together = circle_consensus(design[strong], (other.place - (RAY_PX + PLATEAU_PX))[strong], RAY_PX)
+    return 0 if together is None else int(np.count_nonzero(together))
+
+
+class _Measured(NamedTuple):
+    """The last pass over a circle."""
+
+    circle: RoughCircle
+    about: Ring
+    strip: Strip
+    blocks: Blocks
+    weights: Floats  # before the fit
+    fit: Fit
+    width_px: float
 
 
 def measure_circle(pixels: Pixels, rough: RoughCircle, expected: ExpectedCircle, limits: Limits) -> Circle:
     """Measure a circle from a start good to some pixels. Raises NotFound when a limit is not kept."""
-    outward = 1.0 if expected.dark_inside else -1.0
     if abs(rough.radius_px - expected.radius_px) > limits.radius_px + 2.0:
         raise _wrong_radius(rough.radius_px, expected, limits)
-    ring = _ring(round(rough.radius_px), pixels.shape[1])
-    centre, radius, blur = rough.centre, rough.radius_px, START_BLUR_PX
-    for every, rounds in PASSES:
-        part = ring.thinned(every)
-        levels, distance = _band(pixels, part, centre, radius, outward)
-        offsets = block_offsets(levels, distance, blur)
-        weights = block_weights(offsets, 0.5 * limits.min_contrast)
-        if np.count_nonzero(weights) < FEWEST_SECTORS // every:
-            raise NotFound("hole", f"{np.count_nonzero(weights)} of {len(weights)} sectors see its outline")
-        fit = tukey_fit(part.design, -outward * offsets.shift, weights, rounds)
-        du, dv, growth = (float(p) for p in fit.parameters)
-        centre, radius = Px(centre.u + du, centre.v + dv), radius + growth
-        blur = estimate_blur(levels, distance, offsets, fit.weights) or blur if every > 1 else blur
-    circle = _circle(centre, radius, fit, covariance(ring.design, fit, weights), offsets, blur, limits)
-    accept_outline(circle.contrast, circle.inliers, circle.residual_px, levels, limits, "hole")
-    if abs(radius - expected.radius_px) > limits.radius_px:
-        raise _wrong_radius(radius, expected, limits)
+    if rough.rival > limits.max_rival:
+        detail = f"{rough.rival:.0%} of it has another round outline at its side, allowed are {limits.max_rival:.0%}"
+        raise NotFound("hole rival", detail)
+    seen = _measured(pixels, rough, 1 if expected.dark_inside else -1, limits)
+    circle = Circle(
+        centre=seen.circle.centre,
+        radius_px=seen.circle.radius_px,
+        covariance_px2=as_matrix(covariance(seen.about.design, seen.fit, seen.weights)[:2, :2]),
+        appearance=appearance(seen.strip, seen.blocks, seen.fit.weights, seen.width_px, 0.5 * limits.min_contrast),
+        inliers=float(np.mean(seen.fit.weights > 0.0)),
+        residual_px=seen.fit.spread,
+    )
+    accept_outline(circle.appearance, circle.inliers, circle.residual_px, limits, "hole")
+    if abs(circle.radius_px - expected.radius_px) > limits.radius_px:
+        raise _wrong_radius(circle.radius_px, expected, limits)
     return circle
 
 
-def _band(pixels: Pixels, ring: _Ring, centre: Px, radius: float, outward: float) -> tuple[Singles, Singles]:
-    """Levels and signed distances (towards the bright side) of the pixels of a ring about a centre."""
-    u, v = round(centre.u), round(centre.v)
-    _inside(pixels, u, v, radius + BAND_PX)
-    levels = pixels.reshape(-1).take(ring.places + (v * pixels.shape[1] + u)).astype(np.float32)
-    distance = np.square(ring.du - np.float32(centre.u - u))
-    distance += np.square(ring.dv - np.float32(centre.v - v))
-    np.sqrt(distance, out=distance)
-    distance -= np.float32(radius)
-    distance *= np.float32(outward)
-    return levels, distance
-
-
-def _inside(pixels: Pixels, u: int, v: int, reach: float) -> None:
-    """Raises NotFound when a circle about (u, v) leaves the picture."""
-    height, width = pixels.shape
-    r = reach + SPARE_PX
-    if not (r <= u < width - r and r <= v < height - r):
-        raise NotFound("view", f"the hole at ({u}, {v}) px is not wholly in the picture")
-
-
-def _circle(
-    centre: Px, radius: float, fit: Fit, spread: Floats, offsets: Offsets, blur: float, limits: Limits
-) -> Circle:
-    return Circle(
-        centre=centre,
-        radius_px=radius,
-        sd_px=math.sqrt(max(0.0, float(spread[0, 0] + spread[1, 1]) / 2.0)),
-        blur_px=blur,
-        contrast=typical_height(offsets, 0.5 * limits.min_contrast),
-        inliers=float(np.mean(fit.weights > 0.0)),
-        residual_px=fit.spread,
-    )
+def _measured(pixels: Pixels, rough: RoughCircle, outward: int, limits: Limits) -> _Measured:
+    (centre, radius, width, _), whole = rough, round(rough.radius_px)
+    about = ring(whole, pixels.shape[1])
+    check_inside(pixels, round(centre.u), round(centre.v), whole + BAND_PX)
+    strip = ring_strip(pixels, about, centre, radius - whole, outward)
+    for rounds in ROUNDS:
+        blocks = block_offsets(strip, width)
+        weights = beliefs(strip, blocks, 0.5 * limits.min_contrast)
+        check_seen(strip, weights, FEWEST_SECTORS, limits, "hole")
+        fit = tukey_fit(about.design, -outward * blocks.shift, weights, rounds)
+        du, dv, growth = fit.parameters.tolist()
+        centre, radius = Px(centre.u + du, centre.v + dv), radius + growth
+        width = better_width(blocks, fit.weights, width)
+        strip = strip.moved(outward * (about.design @ fit.parameters))
+    return _Measured(rough._replace(centre=centre, radius_px=radius), about, strip, blocks, weights, fit, width)
 
 
 def _wrong_radius(radius: float, expected: ExpectedCircle, limits: Limits) -> NotFound:

@@ -6,22 +6,26 @@ A Hough vote finds, it does not measure. The radius, the polarity and nearly the
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 from typing import NamedTuple
 
 import cv2
 import numpy as np
 
 from cellctl.geometry import Px
-from cellctl.vision.features import ExpectedCircle, ExpectedEdge, NotFound, Singles
-from cellctl.vision.picture import COARSE, Coarse, to_coarse, to_fine
+from cellctl.vision.features import ExpectedCircle, ExpectedEdge, Limits, NotFound, Pixels, Singles
+from cellctl.vision.picture import COARSE, Box, coarse, to_coarse, to_fine
 from cellctl.vision.plane import direction, middle
 
-TURN_STEP_DEG = 0.16
+TURN_STEP_DEG = 0.25
 MOST_TURNS = 64  # to either side
 SPARE_DEG = 12.0  # gradients of noisy pixels point that far off their edge's normal
 SUPPRESSED_BINS = 6  # to either side of a peak: no second hypothesis there
+SAME_CIRCLE = 4  # coarse px: votes so near belong to the same circle
+LEAST_VOTES = 0.15  # per coarse px of radius, at the peak: a whole, clean outline has 0.9
 LEAST_SHARE = 0.8  # of the best peak's votes; half of joint votes come from the other edge
 GRADIENT_PER_LEVEL = 2.0  # the weakest edge of contrast c has coarse gradients of this times c
+SPARE_PX = 3 * COARSE
 
 
 class Frame(NamedTuple):
@@ -48,63 +52,77 @@ class RoughLine(NamedTuple):
     way: Px
 
 
-def rough_circle(picture: Coarse, circle: ExpectedCircle, search_px: float, min_contrast: float) -> Px:
-    """Centre of the circle to about 5 px. Raises NotFound when no gradient in reach points at a centre."""
-    cu, cv, radius = to_coarse(circle.centre.u), to_coarse(circle.centre.v), circle.radius_px / COARSE
-    reach = math.ceil(search_px / COARSE) + 2
-    far = radius + reach + 2
-    rows, columns = _window(cv - far, cv + far, 0, picture), _window(cu - far, cu + far, 1, picture)
-    gu, gv = picture.along_u[rows, columns], picture.along_v[rows, columns]
-    size = cv2.magnitude(gu, gv) if gu.size else gu
-    v, u = np.nonzero(size > GRADIENT_PER_LEVEL * min_contrast)
+def rough_circle(pixels: Pixels, circle: ExpectedCircle, search_px: float, limits: Limits) -> Px:
+    """Centre of the circle of that radius to about 5 px. Raises NotFound when there is none, or two."""
+    (cu, cv), far = circle.centre, circle.radius_px + search_px + SPARE_PX
+    picture = coarse(pixels, Box(cu - far, cv - far, cu + far, cv + far), "hole")
+    size = cv2.magnitude(picture.along_u, picture.along_v)
+    v, u = np.nonzero(size > GRADIENT_PER_LEVEL * limits.min_contrast)
+    radius = circle.radius_px / COARSE
     step = (radius if circle.dark_inside else -radius) / size[v, u]
-    left, top = round(cu) - reach, round(cv) - reach
-    bu = np.rint(u + columns.start - gu[v, u] * step).astype(np.int32) - left
-    bv = np.rint(v + rows.start - gv[v, u] * step).astype(np.int32) - top
+    reach = math.ceil(search_px / COARSE) + 2
+    left, top = round(to_coarse(cu)) - reach, round(to_coarse(cv)) - reach
+    bu = np.rint(u - picture.along_u[v, u] * step).astype(np.int32) + (picture.left - left)
+    bv = np.rint(v - picture.along_v[v, u] * step).astype(np.int32) + (picture.top - top)
     n = 2 * reach + 1
     inside = (bu >= 0) & (bu < n) & (bv >= 0) & (bv < n)
     single = np.bincount(bv[inside] * n + bu[inside], minlength=n * n).reshape(n, n).astype(np.float32)
     count = cv2.GaussianBlur(single, (7, 7), 1.4, borderType=cv2.BORDER_CONSTANT)
     _, votes, _, (best_u, best_v) = cv2.minMaxLoc(count)
-    if votes <= 0.0:
+    if votes < LEAST_VOTES * radius:
         raise NotFound("hole", f"no outline of radius {circle.radius_px:.0f} px within {search_px:.0f} px")
+    cv2.circle(count, (best_u, best_v), SAME_CIRCLE, (0.0,), -1)
+    share = cv2.minMaxLoc(count)[1] / votes
+    if share > limits.max_rival:
+        detail = f"another centre has {share:.0%} of its votes, allowed are {limits.max_rival:.0%}"
+        raise NotFound("hole rival", f"{detail}: two holes, or one of another radius?")
     return Px(to_fine(left + best_u), to_fine(top + best_v))
 
 
-def line_votes(picture: Coarse, edge: ExpectedEdge, reach_px: float, angle_deg: float, min_contrast: float) -> Votes:
-    """Votes for lines near an edge, by offset of its middle towards its bright side and by turn."""
+def line_votes(
+    pixels: Pixels, edge: ExpectedEdge, reach_px: float, angle_deg: float, min_contrast: float, name: str
+) -> Votes:
+    """Votes for lines near an edge, by offset of its middle towards its bright side and by turn. Raises NotFound."""
     frame = _frame(edge)
     centre, along, bright, half = frame
     angle, reach = math.radians(angle_deg), reach_px / COARSE
     across = reach + half * math.tan(angle) + 1.0
-    box = [half * abs(along[i]) + across * abs(bright[i]) + 1.0 for i in (0, 1)]
-    rows = _window(centre[1] - box[1], centre[1] + box[1], 0, picture)
-    columns = _window(centre[0] - box[0], centre[0] + box[0], 1, picture)
-    gu, gv = picture.along_u[rows, columns], picture.along_v[rows, columns]
+    far = [half * abs(along[i]) + across * abs(bright[i]) + 1.0 for i in (0, 1)]
+    box = Box(*(to_fine(centre[i] + sign * far[i]) for sign in (-1.0, 1.0) for i in (0, 1)))
+    picture = coarse(pixels, box, name)
+    gu, gv = picture.along_u, picture.along_v
     rise = gu * np.float32(bright[0]) + gv * np.float32(bright[1])
     drift = gu * np.float32(along[0]) + gv * np.float32(along[1])
     steep = np.float32(math.tan(angle + math.radians(SPARE_DEG)))
     v, u = np.nonzero((rise > GRADIENT_PER_LEVEL * min_contrast) & (np.abs(drift) < steep * rise))
-    du, dv = u + (columns.start - centre[0]), v + (rows.start - centre[1])
-    s, d = du * along[0] + dv * along[1], du * bright[0] + dv * bright[1]
-    used = (np.abs(s) <= half) & (np.abs(d) <= across)
+    du, dv = u + np.float32(picture.left - centre[0]), v + np.float32(picture.top - centre[1])
+    s = du * np.float32(along[0]) + dv * np.float32(along[1])
+    d = du * np.float32(bright[0]) + dv * np.float32(bright[1])
+    used = np.flatnonzero((np.abs(s) <= half) & (np.abs(d) <= across))
     weight = np.sqrt(rise[v[used], u[used]])
     return Votes(*_accumulated(s[used].astype(np.float32), d[used].astype(np.float32), weight, reach, angle), frame)
 
 
 def _accumulated(s: Singles, d: Singles, weight: Singles, reach: float, angle: float) -> tuple[Singles, Singles]:
     """Votes (turns, offsets) of gradients at places s along and d across, and the turns."""
-    steps = min(math.ceil(math.degrees(angle) / TURN_STEP_DEG), MOST_TURNS)
-    turns = np.linspace(-angle, angle, 2 * steps + 1, dtype=np.float32)
+    turns, slopes = _turns(angle)
     zero = math.ceil(2.0 * reach) + 1
     bins = 2 * zero + 3  # the outermost two take what is out of reach
-    place = 2.0 * (d - s * np.tan(turns)[:, None]) + np.float32(zero + 1.5)
-    place = place.clip(0, bins - 1).astype(np.int32)
+    place = 2.0 * (d - s * slopes) + np.float32(zero + 1.5)
+    place = np.minimum(np.maximum(place, 0.0, out=place), bins - 1, out=place).astype(np.int32)
     place += (np.arange(turns.size, dtype=np.int32) * bins)[:, None]
     count = np.bincount(place.reshape(-1), np.tile(weight, turns.size), minlength=bins * turns.size)
     single = count.reshape(-1, bins)[:, 1:-1].astype(np.float32)
     heights = cv2.GaussianBlur(single, (5, 3), 0, borderType=cv2.BORDER_CONSTANT)
     return np.asarray(heights, np.float32), turns
+
+
+@lru_cache(maxsize=16)
+def _turns(angle: float) -> tuple[Singles, Singles]:
+    """Turns to be tried (turns,), and their slopes (turns, 1)."""
+    steps = min(math.ceil(math.degrees(angle) / TURN_STEP_DEG), MOST_TURNS)
+    turns = np.linspace(-angle, angle, 2 * steps + 1, dtype=np.float32)
+    return turns, np.tan(turns)[:, None]
 
 
 def rough_lines(votes: Votes, most: int) -> list[RoughLine]:
@@ -135,10 +153,3 @@ def _frame(edge: ExpectedEdge) -> Frame:
     bright = left if edge.bright_left else Px(-left.u, -left.v)
     u, v = middle(edge.start, edge.end)
     return Frame(Px(to_coarse(u), to_coarse(v)), along, bright, 0.5 * math.dist(edge.start, edge.end) / COARSE)
-
-
-def _window(first: float, last: float, axis: int, picture: Coarse) -> slice:
-    """Whole coarse pixels from first to last that exist (possibly none)."""
-    limit = picture.along_u.shape[axis]
-    start = min(max(math.floor(first), 0), limit)
-    return slice(start, max(start, min(math.ceil(last) + 1, limit)))

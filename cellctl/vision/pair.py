@@ -11,9 +11,9 @@ import numpy as np
 from cellctl.geometry import Px, wrap_deg
 from cellctl.vision.coarse import Votes, line_votes, rough_lines, turns_the_same_way
 from cellctl.vision.features import ExpectedEdge, Limits, NotFound, Pixels, Search, Singles
-from cellctl.vision.line import Line, Scan, catch_line, line_through, stretch
-from cellctl.vision.picture import Coarse, coarse
+from cellctl.vision.line import Caught, catch_line
 from cellctl.vision.plane import ahead, angle_deg, direction
+from cellctl.vision.scan import Line, Scan, stretch
 
 ROUGH_SQUARE_DEG = 0.8  # rough lines may be so far from the expected angle between them
 DISTINCT_PX = 8.0  # lines closer than this are one
@@ -45,9 +45,8 @@ class Side(NamedTuple):
 class Near(NamedTuple):
     """A rough line of a side, the way it runs from the corner, and its score."""
 
-    line: Line
+    caught: Caught
     way: Px
-    score: float
 
 
 Sides = tuple[Side, Side]
@@ -60,7 +59,7 @@ def square_off_deg(sides: Sides, one: Px, two: Px) -> float:
 
 def catch_pair(pixels: Pixels, sides: Sides, search: Search, limits: Limits) -> tuple[Near, Near]:
     """The best pair of rough lines. Raises NotFound: no light, no lines, none that fit together, or a rival."""
-    votes = _joint_votes(coarse(pixels), sides, search, limits)
+    votes = _joint_votes(pixels, sides, search, limits)
     found = [_catch(pixels, side, vote, limits) for side, vote in zip(sides, votes, strict=True)]
     for side, lines in zip(sides, found, strict=True):
         if not lines:
@@ -68,18 +67,21 @@ def catch_pair(pixels: Pixels, sides: Sides, search: Search, limits: Limits) -> 
     pairs = [(a, b) for a in found[0] for b in found[1] if abs(square_off_deg(sides, a.way, b.way)) < ROUGH_SQUARE_DEG]
     if not pairs:
         raise NotFound("squareness", f"no two edges within {ROUGH_SQUARE_DEG} deg of the expected angle")
-    best = max(pairs, key=lambda pair: pair[0].score + pair[1].score)
+    best = max(pairs, key=lambda pair: pair[0].caught.score + pair[1].caught.score)
     for side, chosen, lines in zip(sides, best, found, strict=True):
         _check_rivals(side, chosen, lines, limits)
     return best
 
 
-def _joint_votes(small: Coarse, sides: Sides, search: Search, limits: Limits) -> tuple[Votes, Votes]:
+def _joint_votes(pixels: Pixels, sides: Sides, search: Search, limits: Limits) -> tuple[Votes, Votes]:
     """Votes for both sides; each turn is backed by the other side's votes for the same turn of the part."""
     edges = [side.edge._replace(start=ahead(side.edge.start, side.way, limits.corner_skip_px)) for side in sides]
     turned_px = max(side.length_px for side in sides) * math.tan(math.radians(search.angle_deg))
     reach = search.position_px + turned_px + SPARE_PX
-    one, two = (line_votes(small, edge, reach, search.angle_deg, limits.min_contrast) for edge in edges)
+    one, two = (
+        line_votes(pixels, edge, reach, search.angle_deg, limits.min_contrast, side.name)
+        for edge, side in zip(edges, sides, strict=True)
+    )
     same = 1 if turns_the_same_way(*edges) else -1
     return _backed(one, two.heights.max(axis=1)[::same]), _backed(two, one.heights.max(axis=1)[::same])
 
@@ -94,17 +96,18 @@ def _catch(pixels: Pixels, side: Side, votes: Votes, limits: Limits) -> list[Nea
     first, last = side.used(pixels, side.edge.start, side.way, limits.corner_skip_px)
     lines = []
     for rough in rough_lines(votes, 2):
-        caught = catch_line(pixels, side.scan, line_through(side.scan, rough), first, last, limits.min_contrast)
+        caught = catch_line(pixels, side.scan, Line.through(side.scan, rough), first, last, limits.min_contrast)
         if caught is not None:
             along = math.copysign(caught.line.cosine, side.way[side.scan.axis])
-            lines.append(Near(caught.line, side.scan.point(along, along * caught.line.slope), caught.score))
+            lines.append(Near(caught, side.scan.point(along, along * caught.line.slope)))
     return lines
 
 
 def _check_rivals(side: Side, chosen: Near, lines: list[Near], limits: Limits) -> None:
     """Raises NotFound when another distinct line is nearly as good."""
     for other in lines:
-        apart = abs(other.line.height - chosen.line.moved(other.line.at).height)
-        if apart > DISTINCT_PX and other.score > limits.max_rival * chosen.score:
-            detail = f"another line {apart:.0f} px away has {other.score / chosen.score:.0%} of its score"
+        line, share = other.caught.line, other.caught.score / chosen.caught.score
+        apart = abs(line.height - chosen.caught.line.moved(line.at).height)
+        if apart > DISTINCT_PX and share > limits.max_rival:
+            detail = f"another line {apart:.0f} px away has {share:.0%} of its score"
             raise NotFound(f"{side.name} rival", f"{detail}, allowed are {limits.max_rival:.0%}")

@@ -1,4 +1,4 @@
-"""The picture as it comes in: is it one, is there light in it, and a coarse copy with its gradients. Pure."""
+"""The picture as it comes in: is it one, is there light in it, and a region of it, coarse, with its gradients. Pure."""
 
 from __future__ import annotations
 
@@ -14,15 +14,30 @@ from cellctl.vision.features import NotFound, Pixels, Search, Singles
 COARSE = 8  # one coarse pixel is 8 x 8 pixels
 SMALLEST_PX = 64
 BRIGHT = 250  # grey level that counts as over-exposed
-DARK = 24  # a picture without a coarse pixel brighter than this has no light
-FAINT = 8  # grey levels between the darkest and the brightest coarse pixel of an empty picture
+DARK = 24  # a region without a coarse pixel brighter than this has no light
+FAINT = 8  # grey levels between the darkest and the brightest coarse pixel of an empty region
+FEWEST = 3  # coarse pixels each way
+
+
+class Box(NamedTuple):
+    """A region of the picture: first and last pixel, px."""
+
+    left: float
+    top: float
+    right: float
+    bottom: float
 
 
 class Coarse(NamedTuple):
-    """A picture at an eighth of its size: gradient along u and v, in grey levels per coarse pixel times 8."""
+    """A region at an eighth of its size: gradients along u and v, in grey levels per coarse pixel times 8.
+
+    Its first pixel is coarse pixel (left, top) of the picture.
+    """
 
     along_u: Singles
     along_v: Singles
+    left: int
+    top: int
 
 
 def checked(pixels: Pixels) -> Pixels:
@@ -43,18 +58,28 @@ def checked_search(search: Search, *points: Px) -> None:
         raise ValueError(f"search within 0 to 10000 px and 0 to 20 deg, got {search}")
 
 
-def coarse(pixels: Pixels) -> Coarse:
-    """Gradients of the picture at an eighth of its size. Raises NotFound when it is dark, over-exposed or empty."""
-    small = _eighth(pixels)
-    darkest, brightest, _, _ = cv2.minMaxLoc(small)
-    if brightest < DARK:
-        raise NotFound("light", f"the picture is dark, brightest area at grey level {brightest:.0f}: is the light on?")
-    if np.count_nonzero(small >= BRIGHT) > 0.5 * small.size:
-        raise NotFound("saturation", "more than half of the picture is over-exposed: shorten the exposure")
-    if brightest - darkest < FAINT:
-        raise NotFound("contrast", f"the picture is empty, all grey levels within {darkest:.0f} to {brightest:.0f}")
+def coarse(pixels: Pixels, box: Box, name: str) -> Coarse:
+    """Gradients of a region at an eighth of its size. Raises NotFound when it is dark, over-exposed, empty or away."""
+    height, width = (n // COARSE for n in pixels.shape)
+    left, right = _whole(box.left, box.right, width)
+    top, bottom = _whole(box.top, box.bottom, height)
+    if right - left < FEWEST or bottom - top < FEWEST:
+        raise NotFound("view", f"the {name} is expected outside the picture")
+    small = _eighth(pixels[top * COARSE : bottom * COARSE, left * COARSE : right * COARSE])
+    _check_light(small, name)
     along_u, along_v = cv2.Sobel(small, cv2.CV_32F, 1, 0), cv2.Sobel(small, cv2.CV_32F, 0, 1)
-    return Coarse(np.asarray(along_u, np.float32), np.asarray(along_v, np.float32))
+    return Coarse(np.asarray(along_u, np.float32), np.asarray(along_v, np.float32), left, top)
+
+
+def _whole(first: float, last: float, limit: int) -> tuple[int, int]:
+    """Coarse pixels that cover the range, as far as they exist: first, and one past the last."""
+    start = math.floor(min(max(to_coarse(first), 0.0), limit))
+    return start, math.floor(min(max(to_coarse(last) + 2.0, start), limit))
+
+
+def check_light(pixels: Pixels, name: str) -> None:
+    """Raises NotFound when the picture is dark, over-exposed or empty."""
+    _check_light(_eighth(pixels), name)
 
 
 def _eighth(pixels: Pixels) -> Pixels:
@@ -63,6 +88,18 @@ def _eighth(pixels: Pixels) -> Pixels:
     for _ in range(3):
         small = np.asarray(cv2.resize(small, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA), np.uint8)
     return small
+
+
+def _check_light(small: Pixels, name: str) -> None:
+    darkest, brightest, _, _ = cv2.minMaxLoc(small)
+    if brightest < DARK:
+        detail = f"it is dark where the {name} should be, grey level {brightest:.0f} at most: is the light on?"
+        raise NotFound("light", detail)
+    if np.count_nonzero(small >= BRIGHT) > 0.5 * small.size:
+        raise NotFound("saturation", f"most of the {name}'s surroundings are over-exposed: shorten the exposure")
+    if brightest - darkest < FAINT:
+        detail = f"nothing to see where the {name} should be, grey levels {darkest:.0f} to {brightest:.0f}"
+        raise NotFound("contrast", detail)
 
 
 def to_coarse(x: float) -> float:

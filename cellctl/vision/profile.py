@@ -1,7 +1,7 @@
-"""The grey profile across an edge: a step, blurred by the lens, integrated by the pixels. Pure.
+"""The grey profile across an outline: a step, blurred by the lens, integrated by the pixels. Pure.
 
-Blocks of pixels along an edge are compared with this profile where they lie; nothing is interpolated. One block gives
-one offset, the maximum-likelihood one, with its information: far less sensitive to dirt than single profiles.
+Each block of an outline gives one offset, the maximum-likelihood one, and says by its misfit how far it is to be
+believed: dirt, scratches and whatever lies over the outline do not look like a blurred step.
 """
 
 from __future__ import annotations
@@ -12,115 +12,123 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cellctl.vision.features import Floats, Singles
-from cellctl.vision.robust import middle
+from cellctl.vision.features import Appearance, Floats, Singles
+from cellctl.vision.offsets import FARTHEST_PX, typical_height
+from cellctl.vision.robust import middle, quantile
+from cellctl.vision.strip import Strip
 
-SPAN_PX = 16  # the tables reach so far to either side
-PER_PX = 128  # table entries
-START_BLUR_PX = 1.15
-FARTHEST_PX = 3.0  # a block whose offset is larger has locked on something else
-BLURS_PX = np.arange(0.6, 3.05, 0.1)
-MEAN_STEP_PX = 0.25  # resolution of the mean profile
-MEAN_BINS = 49
-FEWEST_BINS, FEWEST_PER_BIN = 9, 5
-
-
-class Offsets(NamedTuple):
-    """One offset per block, px: positive when the edge lies on the dark side of where it was assumed."""
-
-    shift: Floats
-    height: Floats  # of the step, grey levels; negative: wrong way round
-    information: Floats  # of the shift, for a noise variance of 1
-    variance: Floats  # of the pixels about the fitted profile
+PIXEL_VARIANCE = 1.0 / 12.0  # of a pixel's own width, px^2
+REACH = 6.0  # the table of the step reaches so many sigmas
+PER_SIGMA = 512
+WIDTHS_PX = (0.45, 4.5)  # sigmas of the whole blur that are believed
+BRIGHT = 247.0  # mean level from which pixels are cut off at 255
+LEAST_SHARE = 0.4  # of the typical step: blocks with less do not see the outline
+CLEAN_SHARE, CLEAN_QUANTILE = 0.25, 0.70  # a quarter of the blocks is clean; chi^2 / n of 12 has its quartile there
+FREE_MISFIT, MOST_MISFIT, DOUBT = 1.5, 6.0, 4.0
 
 
-@lru_cache(maxsize=64)
-def step_table(blur_px: float) -> tuple[Singles, Singles]:
-    """Level and slope of a unit step over distance, for a Gaussian blur and square pixels."""
-    sigma = math.hypot(blur_px, math.sqrt(1.0 / 12.0))
-    distance = np.arange(-SPAN_PX * PER_PX, SPAN_PX * PER_PX + 1) / PER_PX
-    level = [0.5 * (1.0 + math.erf(d / (sigma * math.sqrt(2.0)))) for d in distance]
-    slope = np.exp(-0.5 * (distance / sigma) ** 2) / (sigma * math.sqrt(2.0 * math.pi))
-    return np.array(level, np.float32), slope.astype(np.float32)
+class Blocks(NamedTuple):
+    """What each block (n,) says, px and grey levels."""
 
-
-def block_offsets(levels: Singles, distance: Singles, blur_px: float) -> Offsets:
-    """Compare blocks of pixels (blocks, pixels) at signed distances (towards the bright side) with the blurred step.
-
-    Linear least squares per block of level = dark + height * step + height * shift * slope.
-    """
-    rise, slope = step_table(round(blur_px * 20.0) / 20.0)
-    place = (distance * np.float32(PER_PX) + np.float32(SPAN_PX * PER_PX + 0.5)).astype(np.int32)
-    f, g, i = rise.take(place, mode="clip"), slope.take(place, mode="clip"), _centred(levels)
-    part = 1.0 / levels.shape[1]
-    sf, sg = (a.sum(axis=1, dtype=np.float64) for a in (f, g))
-    ff, fg, gg = _sums(f, f) - part * sf * sf, _sums(f, g) - part * sf * sg, _sums(g, g) - part * sg * sg
-    fi, gi, ii = _sums(f, i), _sums(g, i), _sums(i, i)
-    det = ff * gg - fg * fg
-    det[det <= 1e-9] = np.inf
-    height = (gg * fi - fg * gi) / det
-    slope_part = (ff * gi - fg * fi) / det
-    variance = np.maximum(ii - height * fi - slope_part * gi, 0.0) / max(1, levels.shape[1] - 3)
-    safe = np.where(np.abs(height) < 1e-3, np.inf, height)
-    information = height * height * np.maximum(gg - fg * fg / np.maximum(ff, 1e-9), 0.0)
-    return Offsets(slope_part / safe, height, information, variance)
-
-
-def _centred(a: Singles) -> Singles:
-    return np.asarray(a - a.mean(axis=1, keepdims=True), np.float32)
-
-
-def _sums(a: Singles, b: Singles) -> Floats:
-    return np.asarray(np.einsum("ij,ij->i", a, b), np.float64)
-
-
-def typical_height(offsets: Offsets, least: float) -> float:
-    """The contrast of the outline: the median step of the blocks that have one."""
-    return middle(offsets.height[offsets.height > least])
-
-
-def block_weights(offsets: Offsets, least: float) -> Floats:
-    """How far each block is to be believed before its offset is compared with its neighbours'.
-
-    The weight is the block's information over its residual variance; blocks without a step get 0.
-    """
-    floor = max(least, 0.35 * typical_height(offsets, least))
-    weight = offsets.information / np.maximum(offsets.variance, 1.0)
-    weight[(offsets.height < floor) | (np.abs(offsets.shift) > FARTHEST_PX)] = 0.0
-    used = weight > 0.0
-    if used.any():
-        weight = np.minimum(weight / middle(weight[used]), 3.0)
-    return weight
+    shift: Floats  # positive when the outline lies on the dark side of where it was assumed
+    dark: Floats  # level of the dark side
+    height: Floats  # of the step; negative: wrong way round
+    information: Floats  # of the shift, for a variance of the levels of 1
+    variance: Floats  # of the levels about the fitted profile
+    wider: Floats  # how much wider the blur is, times `widths`
+    widths: Floats  # information about that
 
 
 @lru_cache(maxsize=1)
-def _blurred_steps() -> Floats:
-    """Step profiles for all blurs: (blurs, bins)."""
-    distance = (np.arange(MEAN_BINS) - MEAN_BINS // 2) * MEAN_STEP_PX
-    sigma = np.hypot(BLURS_PX, math.sqrt(1.0 / 12.0))[:, None] * math.sqrt(2.0)
-    return np.asarray(np.vectorize(math.erf)(distance / sigma), np.float64)
+def _unit_step() -> tuple[Singles, Singles]:
+    """Level and slope of a step of blur 1 over distance."""
+    z = np.arange(-REACH * PER_SIGMA, REACH * PER_SIGMA + 1.0) / PER_SIGMA
+    level = [0.5 * (1.0 + math.erf(d / math.sqrt(2.0))) for d in z]
+    return np.array(level, np.float32), (np.exp(-0.5 * z * z) / math.sqrt(2.0 * math.pi)).astype(np.float32)
 
 
-def estimate_blur(levels: Singles, distance: Singles, offsets: Offsets, weight: Floats) -> float | None:
-    """Blur of an outline from the mean profile of its good blocks; None when there are too few.
+def block_offsets(strip: Strip, width_px: float) -> Blocks:
+    """Compare each block with a step of this blur (sigma of all that blurs it), by linear least squares.
 
-    An outline that runs along the pixels leaves some bins of the profile empty: only the others are compared.
+    level = dark + height * (step + shift * slope); and how the rest looks like a change of the width.
     """
-    good = np.flatnonzero(weight > 0.2)
-    if good.size < 3:
-        return None
-    where = distance[good] + offsets.shift[good, None].astype(np.float32)
-    where *= np.float32(1.0 / MEAN_STEP_PX)
-    where += np.float32(MEAN_BINS // 2 + 1.5)
-    place = where.clip(0, MEAN_BINS + 1).astype(np.int32).reshape(-1)  # the outermost two take what is out of reach
-    level = _centred(levels[good]) / offsets.height[good, None].astype(np.float32)
-    count = np.bincount(place, minlength=MEAN_BINS + 2)[1:-1]
-    total = np.bincount(place, weights=level.reshape(-1), minlength=MEAN_BINS + 2)[1:-1]
-    filled = np.flatnonzero(count >= FEWEST_PER_BIN)
-    if filled.size < FEWEST_BINS:
-        return None
-    mean, steps = total[filled] / count[filled], _blurred_steps()[:, filled]
-    mean -= mean.mean()
-    steps = steps - steps.mean(axis=1, keepdims=True)
-    likeness = (steps @ mean) / np.sqrt(np.einsum("ij,ij->i", steps, steps))
-    return float(BLURS_PX[int(np.argmax(likeness))])
+    level, slope = _unit_step()
+    z = strip.distance * np.float32(1.0 / width_px)
+    index = (z * np.float32(PER_SIGMA) + np.float32(REACH * PER_SIGMA + 0.5)).astype(np.int32)
+    columns = np.empty((len(z), 4, z.shape[1]), np.float32)
+    columns[:, 0] = level.take(index, mode="clip")
+    columns[:, 1] = g = slope.take(index, mode="clip") * np.float32(1.0 / width_px)
+    columns[:, 2] = -g * z
+    columns[:, 3] = strip.levels
+    means = np.add.reduce(columns, axis=2) * np.float32(1.0 / z.shape[1])
+    columns -= means[:, :, None]
+    return _solved(columns @ columns.transpose(0, 2, 1), means, z.shape[1])
+
+
+def _solved(gram: Singles, means: Singles, rows: int) -> Blocks:
+    """The blocks' least squares out of the products (n, 4, 4) of step, slope, widening and levels."""
+    (ff, fg, fh, fi), (_, gg, gh, gi), (_, _, hh, hi), (_, _, _, ii) = gram.astype(np.float64).transpose(1, 2, 0)
+    det = ff * gg - fg * fg
+    flat = det <= 1e-6
+    det[flat] = 1.0
+    height, turn = (gg * fi - fg * gi) / det, (ff * gi - fg * fi) / det
+    height[flat] = turn[flat] = 0.0
+    return Blocks(
+        shift=turn / np.where(np.abs(height) < 1e-3, np.inf, height),
+        dark=means[:, 3] - height * means[:, 0] - turn * means[:, 1],
+        height=height,
+        information=height * height * (det / np.maximum(ff, 1e-6)),
+        variance=np.maximum(ii - height * fi - turn * gi, 0.0) / max(1, rows - 3),
+        wider=height * (hi - height * fh - turn * gh),
+        widths=height * height * (hh - (gg * fh * fh - 2.0 * fg * fh * gh + ff * gh * gh) / det),
+    )
+
+
+def beliefs(strip: Strip, blocks: Blocks, least: float) -> Floats:
+    """How far each block is to be believed before its offset is compared with its neighbours'.
+
+    The scale of a clean block's misfit is taken from the best quarter: with dirt on most of an outline the median
+    would already be dirty. Blocks without a step, far off, or over-exposed get 0.
+    """
+    floor = max(least, LEAST_SHARE * typical_height(blocks, least))
+    used = (blocks.height > floor) & (np.abs(blocks.shift) < FARTHEST_PX) & (strip.levels[:, -1] < BRIGHT)
+    if not used.any():
+        return np.zeros(len(used))
+    clean = quantile(blocks.variance[used], CLEAN_SHARE) / CLEAN_QUANTILE
+    misfit = blocks.variance / max(clean, 2.0 * PIXEL_VARIANCE / strip.pixels)
+    weight = np.minimum(blocks.information / middle(blocks.information[used]), 2.0)
+    weight /= 1.0 + DOUBT * np.maximum(misfit - FREE_MISFIT, 0.0)
+    weight[~used | (misfit > MOST_MISFIT)] = 0.0
+    return weight
+
+
+def appearance(strip: Strip, blocks: Blocks, weight: Floats, width_px: float, least: float) -> Appearance:
+    """How the picture shows the outline whose blocks have these final weights."""
+    good = np.flatnonzero(weight)
+    contrast, dark = typical_height(blocks, least), middle(blocks.dark[good])
+    return Appearance(
+        blur_px=blur_of(width_px, strip.smear),
+        contrast=contrast,
+        noise=math.sqrt(middle(blocks.variance[good]) * strip.pixels),
+        dark=dark,
+        bright=dark + contrast,
+        saturated=saturated(strip),
+    )
+
+
+def saturated(strip: Strip) -> float:
+    """Share of the blocks that are over-exposed on their bright side."""
+    return np.count_nonzero(strip.levels[:, -1] >= BRIGHT) / len(strip.levels)
+
+
+def better_width(blocks: Blocks, weight: Floats, width_px: float) -> float:
+    """The width that the good blocks together ask for; at most a third wider or narrower at a time."""
+    power = float(weight @ blocks.widths)
+    change = float(weight @ blocks.wider) / power if power > 0.0 else 0.0
+    change = min(max(change, -width_px / 3.0), width_px / 3.0)
+    return min(max(width_px + change, WIDTHS_PX[0]), WIDTHS_PX[1])
+
+
+def blur_of(width_px: float, smear: float) -> float:
+    """Sigma of the lens's blur, when pixels and averaging are taken out of the width."""
+    return math.sqrt(max(width_px**2 - PIXEL_VARIANCE - smear, 0.01))

@@ -1,203 +1,210 @@
-"""The commands that move the arm: MOVE, MOVEI, DRIVE, DRIVEI, INCH, INCHXY, JOG, JOGXY."""
+"""MOVE, MOVEI, DRIVE, DRIVEI, PMOVE: what they ask of the arm, and how they go on until they end."""
 
-from collections.abc import Callable
-from typing import NamedTuple
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
-from simulators.arm import (
-    HIGHEST,
-    LINE_MM_PER_S,
-    LOWEST,
-    Arm,
-    Hand,
-    Joints,
-    ToolPose,
-    Unreachable,
-    forward,
-    inverse,
-)
-from simulators.clock import Clock
-from simulators.robot import text
-from simulators.robot.operation import Operation, Work, wait_until
-from simulators.robot.registers import Registers
-from simulators.robot.text import PointData, Refusal
+from simulators.moves import Arc, Arch, Go, Line, Order, Plan
+from simulators.robot.codes import Code, Refusal
+from simulators.robot.language.commands import Drive, Move, MoveOptions, PalletMove, axis_number
+from simulators.robot.language.values import Expression, PointData, Scope, integer, number, real
+from simulators.robot.log import Log
+from simulators.robot.operation import Ending, Operation, Work, wait_until
+from simulators.robot.settings import Settings
+from simulators.robot.targets import Targets
+from simulators.robot.world import World
+from simulators.scara import Joints, Unreachable, forward
+from simulators.ways import Pace
 
-PULSES = (2912.711, 2912.711, 1638.4, 682.6667)  # per degree, degree, mm, degree
 ALL_AXES = (1, 2, 3, 4)
-JOG_STEP = 5.0  # mm or degrees in which the end of a jog is looked for
-UNREACHABLE = {"position": "2.301", "axis": "2.334", "way": "2.335"}
+LOOK_AGAIN_S = 0.002  # at a STOPON condition
+SLOWEST_MM_PER_S = 0.1
+TOP_OF_STROKE_MM = 0.0
+NOTICED_S = 1.0
+
+Permit = Callable[[tuple[int, ...]], None]  # raises Refusal when these axes may not move now
 
 
-class Pace(NamedTuple):
-    """Fractions of the arm's own speed and accelerations."""
+@dataclass(frozen=True)
+class Given:
+    """The options of a motion, evaluated. `arch_mm`: the height, and how far below it the travel begins and ends."""
 
-    speed: float
-    accel: float
-    decel: float
+    pace: Pace
+    blends: bool = False
+    arch_mm: tuple[float, float, float] | None = None
+    stop_on: Callable[[], bool] | None = None
 
 
 class Motions:
-    """Turns motion commands into motions of the arm. `permit` raises Refusal when these axes may not move now."""
+    """Each method begins a motion at once, so that what cannot be done is refused, and returns what goes on with it.
+
+    `speed` is the share of full speed that the mode leaves; `begun` is told of every motion that begins.
+    """
 
     def __init__(
-        self, clock: Clock, arm: Arm, registers: Registers, permit: Callable[[tuple[int, ...], bool], None]
+        self,
+        world: World,
+        settings: Settings,
+        targets: Targets,
+        speed: Callable[[], float],
+        begun: Callable[[Plan], None],
+        log: Log,
     ) -> None:
-        self._clock = clock
-        self._arm = arm
-        self._registers = registers
-        self._permit = permit
+        self._clock, self._arm = world.clock, world.arm
+        self._settings, self._targets = settings, targets
+        self._speed, self._begun, self._log = speed, begun, log
+        self.last: Plan | None = None
+        self.last_blends = False
+        self._halted: Plan | None = None
 
-    def commands(self) -> dict[str, tuple[Callable[[str], Work], str]]:
-        """Word -> what prepares it (raising Refusal), and how it ends when the client stops it."""
-        stop = "NG=1.8"
-        return {
-            "MOVE": (lambda rest: self._move(rest, relative=False), stop),
-            "MOVEI": (lambda rest: self._move(rest, relative=True), stop),
-            "DRIVE": (lambda rest: self._drive(rest, relative=False), stop),
-            "DRIVEI": (lambda rest: self._drive(rest, relative=True), stop),
-            "INCHXY": (lambda rest: self._inch(rest, straight=True), stop),
-            "INCH": (lambda rest: self._inch(rest, straight=False), stop),
-            "JOGXY": (lambda rest: self._jog(rest, straight=True), "END"),
-            "JOG": (lambda rest: self._jog(rest, straight=False), "END"),
-        }
+    def move(self, wanted: Move, scope: Scope, permit: Permit, *, relative: bool) -> Work:
+        """MOVE and MOVEI."""
+        given = self._given(wanted.options, scope)
+        permit(ALL_AXES)
+        points = [target(scope) for target in wanted.targets]
+        per_motion = 2 if wanted.kind == "C" else 1
+        first, *others = [points[k : k + per_motion] for k in range(0, len(points), per_motion)]
+        begun = self._begin(wanted.kind, first, given, relative=relative)
 
-    # -- the commands ------------------------------------------------------------------------------------
-
-    def _move(self, rest: str, *, relative: bool) -> Work:
-        (kind, *names), options = text.targets_and_options(rest)
-        if kind not in ("P", "L") or not names:
-            raise Refusal("5.201")
-        straight = kind == "L"
-        pace = self._pace(options, straight=straight)
-        direct = [None if text.POINT_NUMBER.fullmatch(name) else text.point_data(name) for name in names]
-        self._permit(ALL_AXES, True)
-        points = [point or self._registers.point(name) for point, name in zip(direct, names, strict=True)]
-        first, *others = points
-        arrival_s = self._begin(first, pace, straight=straight, relative=relative)
-
-        async def work(operation: Operation) -> str:
-            ending = await self._travel(operation, arrival_s)
-            for point in others:
-                if ending != "END":
-                    break
-                ending = await self._travel(operation, self._begin(point, pace, straight=straight, relative=relative))
-            return ending
+        async def work(operation: Operation) -> Ending:
+            plan = begun
+            for group in others:
+                if not await self.travel(operation, plan, given):
+                    return operation.ending
+                plan = self._begin(wanted.kind, group, given, relative=relative)
+            await self.travel(operation, plan, given)
+            return operation.ending
 
         return work
 
-    def _drive(self, rest: str, *, relative: bool) -> Work:
-        drives, options = text.drives(rest)
-        pace = self._pace(options, straight=False)
-        self._permit(tuple(drive.axis for drive in drives), True)
+    def drive(self, wanted: Drive, scope: Scope, permit: Permit, *, relative: bool) -> Work:
+        """DRIVE and DRIVEI."""
+        given = self._given(wanted.options, scope)
+        axes = tuple(axis_number(axis, scope) for axis, _ in wanted.axes)
+        permit(axes)
         joints = list(self._arm.joints_at(self._clock.now()))
-        for axis, value, in_pulses in drives:
-            wanted = value / PULSES[axis - 1] if in_pulses else value
-            joints[axis - 1] = wanted + joints[axis - 1] if relative else wanted
-        return self._one_motion(self._start(Joints(*joints), pace))
+        for axis, (_, where) in zip(axes, wanted.axes, strict=True):
+            by = self._axis_target(axis, where(scope))
+            joints[axis - 1] = by + joints[axis - 1] if relative else by
+        return self.one(self.start(Go(Joints(*joints)), given), given)
 
-    def _inch(self, rest: str, *, straight: bool) -> Work:
-        axis, sign = text.axis_and_sign(rest)
-        self._permit(ALL_AXES if straight else (axis,), False)
-        now_s, step = self._clock.now(), sign * self._registers.number("IDIST")
-        if straight:
-            pose = _changed(self._arm.commanded_at(now_s), axis, step / 1000)
-            return self._one_motion(self._start(ToolPose(*pose), self._manual_pace(), straight=True))
-        joints = _changed(self._arm.joints_at(now_s), axis, step / PULSES[axis - 1])
-        return self._one_motion(self._start(Joints(*joints), self._manual_pace()))
+    def pallet(self, wanted: PalletMove, scope: Scope, permit: Permit) -> Work:
+        """PMOVE: up to the top, across, and down onto a place of a pallet."""
+        given = self._given(wanted.options, scope)
+        permit(ALL_AXES)
+        point = self._targets.pallet_place(integer(wanted.pallet(scope)), integer(wanted.place(scope)))
+        place, hand = self._targets.place(point)
+        over = given.arch_mm or (TOP_OF_STROKE_MM, 0.0, 0.0)
+        return self.one(self.start(Arch(place, *over, hand=hand), given), given)
 
-    def _jog(self, rest: str, *, straight: bool) -> Work:
-        axis, sign = text.axis_and_sign(rest)
-        self._permit(ALL_AXES if straight else (axis,), False)
-        target: ToolPose | Joints
-        if straight:
-            target = self._end_of_line(axis, sign)
-        else:
-            limit = (HIGHEST if sign > 0 else LOWEST)[axis - 1]
-            here = self._arm.joints_at(self._clock.now())
-            target = Joints._make((*here[: axis - 1], limit, *here[axis:]))
-        arrival_s = self._start(target, self._manual_pace(), straight=straight)
-        return lambda operation: self._travel(operation, arrival_s, dead_man=True)
-
-    # -- how they move -----------------------------------------------------------------------------------
-
-    def _one_motion(self, arrival_s: float) -> Work:
-        return lambda operation: self._travel(operation, arrival_s)
-
-    async def _travel(self, operation: Operation, arrival_s: float, *, dead_man: bool = False) -> str:
-        ending = await operation.until(arrival_s, dead_man=dead_man)
-        if ending is None:
-            return "END"
-        await wait_until(self._clock, self._arm.halt())
-        return ending
-
-    def _begin(self, point: PointData, pace: Pace, *, straight: bool, relative: bool) -> float:
-        target, hand = self._target(point, relative=relative)
-        return self._start(target, pace, straight=straight, hand=hand)
-
-    def _target(self, point: PointData, *, relative: bool) -> tuple[ToolPose | Joints, Hand | None]:
-        now_s = self._clock.now()
-        values = point.values[: text.AXES]
-        if point.in_pulses:
-            start = self._arm.joints_at(now_s) if relative else (0.0,) * text.AXES
-            pairs = zip(values, PULSES, start, strict=True)
-            return Joints._make(value / ratio + before for value, ratio, before in pairs), None
-        if relative:
-            here = self._arm.commanded_at(now_s)
-            return ToolPose(*[a + b for a, b in zip(values, here, strict=True)]), None
-        return ToolPose(*values), Hand(point.hand) if point.hand else self._registers.hand
-
-    def _start(
-        self, target: ToolPose | Joints, pace: Pace, *, straight: bool = False, hand: Hand | None = None
-    ) -> float:
+    def start(self, order: Order, given: Given) -> Plan:
+        """Let the arm begin; raises Refusal when it cannot."""
         try:
-            return self._arm.start(
-                target, hand=hand, straight=straight, speed=pace.speed, accel=pace.accel, decel=pace.decel
-            )
-        except Unreachable as refused:
-            here = self._arm.joints_at(self._clock.now()).hand
-            across = "2.319" if here is Hand.RIGHTY else "2.320"
-            raise Refusal(UNREACHABLE.get(refused.kind, across)) from refused
+            plan = self._arm.start(order, given.pace, blends=given.blends)
+        except Unreachable as unreachable:
+            raise self._targets.why_not(unreachable) from unreachable
+        except RuntimeError:
+            raise Refusal(Code.MOVING) from None
+        begins, ends = forward(plan.start), forward(plan.end)
+        self._log.add("moves", way=type(order).__name__, begins=begins, ends=ends, ends_s=plan.end_s)
+        self.last, self.last_blends = plan, given.blends
+        self._begun(plan)
+        return plan
 
-    def _pace(self, options: dict[str, str], *, straight: bool) -> Pace:
-        registers = self._registers
-        if "VEL" in options:
-            if not straight:
-                raise Refusal("5.238")
-            speed = text.ranged(text.number(options["VEL"]), 0.1, LINE_MM_PER_S) / LINE_MM_PER_S
+    def full_pace(self) -> Pace:
+        """As quick as the mode and the payload allow."""
+        quick = self._arm.scara.quickness(self._settings.payload_kg())
+        return Pace(self._speed(), quick, quick)
+
+    def halt(self) -> float:
+        """Stop the arm; the world time at which it stands."""
+        stands_s = self._arm.halt()
+        if self.last is not self._halted:
+            self._halted = self.last
+            self._log.add("halted", at=self._arm.commanded_at(stands_s), stands_s=stands_s)
+        return stands_s
+
+    def one(self, plan: Plan, given: Given) -> Work:
+        """The rest of a single motion."""
+
+        async def work(operation: Operation) -> Ending:
+            await self.travel(operation, plan, given)
+            return operation.ending
+
+        return work
+
+    async def travel(self, operation: Operation, plan: Plan, given: Given) -> bool:
+        """Until the motion ends or, when it blends, may be followed; False when it was interrupted: then it stands."""
+        done_s = plan.near_s(self._near()) if given.blends else plan.end_s
+        if given.stop_on is not None and await self._stopped_on(operation, done_s, given.stop_on):
+            return True
+        if await operation.until(done_s) and (given.blends or self._arm.arrives(plan)):
+            return True
+        await operation.until(done_s + NOTICED_S)  # something has stopped the arm, and will say so
+        await wait_until(self._clock, self.halt())
+        return not operation.interrupted
+
+    async def _stopped_on(self, operation: Operation, done_s: float, condition: Callable[[], bool]) -> bool:
+        while self._clock.now() < done_s and await operation.until(min(self._clock.now() + LOOK_AGAIN_S, done_s)):
+            if condition():
+                await wait_until(self._clock, self.halt())
+                return True
+        return False
+
+    # -- what is asked -----------------------------------------------------------------------------------
+
+    def _begin(self, kind: str, points: Sequence[PointData], given: Given, *, relative: bool) -> Plan:
+        *via, (place, hand) = [self._targets.place(point, relative=relative) for point in points]
+        order: Order
+        if kind == "C":
+            order = Arc(via[0][0], place, hand)
+        elif kind == "L":
+            order = Line(place, hand)
+        elif given.arch_mm is not None:
+            order = Arch(place, *given.arch_mm, hand=hand)
         else:
-            speed = _percent(options, "S", registers.number("SPEED"))
-        accel = registers.share("ACCEL") * _percent(options, "ACC", 100)
-        decel = registers.share("DECEL") * _percent(options, "DEC", 100)
-        return Pace(speed * registers.number("ASPEED") / 100, accel, decel)
+            order = Go(place, hand)
+        return self.start(order, given)
 
-    def _manual_pace(self) -> Pace:
-        return Pace(self._registers.number("MSPEED") / 100, 1.0, 1.0)
+    def _given(self, options: MoveOptions, scope: Scope) -> Given:
+        settings, scara = self._settings, self._arm.scara
+        path_mm_per_s = None
+        if options.path_speed is not None:
+            path_mm_per_s = real(options.path_speed(scope), SLOWEST_MM_PER_S, scara.line_mm_per_s) * self._speed()
+        speed = _percent(options.speed, settings.number("SPEED"), scope) * self._speed()
+        quick = scara.quickness(settings.payload_kg())
+        accel = settings.share("ACCEL") * _percent(options.accel, 100, scope) * quick
+        decel = settings.share("DECEL") * _percent(options.decel, 100, scope) * quick
+        stop_on = options.stop_on
+        return Given(
+            Pace(speed, accel, decel, path_mm_per_s),
+            options.blends,
+            self._arch_mm(options, scope),
+            None if stop_on is None else lambda: number(stop_on(scope)) != 0,
+        )
 
-    def _end_of_line(self, axis: int, sign: int) -> ToolPose:
-        now_s = self._clock.now()
-        pose, hand = self._arm.commanded_at(now_s), self._arm.joints_at(now_s).hand
-        while True:
-            further = ToolPose(*_changed(pose, axis, sign * JOG_STEP))
-            try:
-                inverse(further, hand)
-            except Unreachable:
-                return pose
-            pose = further
+    def _arch_mm(self, options: MoveOptions, scope: Scope) -> tuple[float, float, float] | None:
+        if options.arch is None:
+            return None
+        begin_mm, end_mm = [abs(self._height_mm(each, scope)) for each in options.arch.below] or (0.0, 0.0)
+        return self._height_mm(options.arch.height, scope), begin_mm, end_mm
+
+    def _height_mm(self, expression: Expression, scope: Scope) -> float:
+        """A place of the third axis; a whole number is in pulses."""
+        value = number(expression(scope))
+        return self._targets.axis_value(3, value, in_pulses=isinstance(value, int))
+
+    def _axis_target(self, axis: int, value: object) -> float:
+        if isinstance(value, PointData):
+            return self._targets.axis_value(axis, value.values[axis - 1], in_pulses=value.in_pulses)
+        if isinstance(value, int | float):
+            return self._targets.axis_value(axis, value, in_pulses=isinstance(value, int))
+        raise Refusal(Code.TYPE_MISMATCH)
+
+    def _near(self) -> list[float]:
+        contpls = self._settings.axes("CONTPLS")
+        return [pulses / ratio for pulses, ratio in zip(contpls, self._targets.pulses, strict=True)]
 
 
-def pulses(joints: Joints) -> str:
-    """As ?WHERE prints them."""
-    return " ".join(str(round(value * ratio)) for value, ratio in zip((*joints, 0, 0), (*PULSES, 1, 1), strict=True))
-
-
-def position(joints: Joints) -> str:
-    """As ?WHRXY prints it."""
-    return str(PointData((*forward(joints), 0.0, 0.0), False, int(joints.hand)))
-
-
-def _percent(options: dict[str, str], name: str, otherwise: int) -> float:
-    value = text.number(options[name]) if name in options else otherwise
-    return text.ranged(value, 0.01, 100) / 100
-
-
-def _changed(values: tuple[float, ...], axis: int, by: float) -> list[float]:
-    return [value + (by if k == axis else 0.0) for k, value in enumerate(values, 1)]
+def _percent(expression: Expression | None, otherwise: int, scope: Scope) -> float:
+    value = number(expression(scope)) if expression is not None else otherwise
+    return real(value, 0.01, 100) / 100

@@ -1,15 +1,16 @@
-"""An operation under way: what RUN began and END ends, and what can end it before its time."""
+"""An operation under way: what began, how it can be ended before its time, and how it ended."""
 
 import asyncio
 from collections.abc import Awaitable, Callable
 
 from simulators.clock import Clock
-from simulators.robot.line import Session
+from simulators.robot.codes import Code
+from simulators.robot.session import Session
 
-DEAD_MAN_S = 0.2
+Ending = Code | None  # None: it did what it should
 
 
-async def wait_until(clock: Clock, world_s: float, interruption: asyncio.Future[str] | None = None) -> None:
+async def wait_until(clock: Clock, world_s: float, interruption: "asyncio.Future[Ending] | None" = None) -> None:
     """Wait for a world time, or until interrupted."""
     if interruption is None or clock.now() >= world_s:
         await clock.sleep_until(world_s)
@@ -22,37 +23,42 @@ async def wait_until(clock: Clock, world_s: float, interruption: asyncio.Future[
 
 
 class Operation:
-    """One operation of one session. `stopped_by_client` is how it ends after ^C; None = ^C does nothing to it."""
+    """One operation, of one client or of a program. `after_stop` is how it ends when ^C has stopped it."""
 
-    def __init__(self, clock: Clock, session: Session, stopped_by_client: str | None) -> None:
-        self.session: Session | None = session
-        self.stopped_by_client = stopped_by_client
+    def __init__(
+        self, clock: Clock, session: Session | None, *, moves: bool, after_stop: Ending = Code.STOPPED
+    ) -> None:
+        self.session = session
+        self.moves = moves
+        self.after_stop = after_stop
+        self.held_s = clock.now()
         self._clock = clock
-        self._interruption: asyncio.Future[str] = asyncio.get_running_loop().create_future()
-        self._held_s = clock.now()
+        self._interruption: asyncio.Future[Ending] = asyncio.get_running_loop().create_future()
 
     @property
-    def is_motion(self) -> bool:
-        """Whether the arm moves for it."""
-        return self.stopped_by_client is not None
+    def interrupted(self) -> bool:
+        """Whether it has been told to end."""
+        return self._interruption.done()
 
-    def interrupt(self, ending: str) -> None:
+    @property
+    def ending(self) -> Ending:
+        """How it ends: as it was interrupted."""
+        return self._interruption.result() if self._interruption.done() else None
+
+    def interrupt(self, ending: Ending) -> None:
         """End it before its time; the first reason stands."""
         if not self._interruption.done():
             self._interruption.set_result(ending)
 
     def hold(self) -> None:
         """The client holds the jog key."""
-        self._held_s = self._clock.now()
+        self.held_s = self._clock.now()
 
-    async def until(self, world_s: float, *, dead_man: bool = False) -> str | None:
-        """Wait for a world time; returns how the operation ends when it is interrupted before, else None."""
-        while not self._interruption.done():
-            due_s = min(world_s, self._held_s + DEAD_MAN_S) if dead_man else world_s
-            if self._clock.now() >= due_s:
-                return None if due_s == world_s else "END"
-            await wait_until(self._clock, due_s, self._interruption)
-        return self._interruption.result()
+    async def until(self, world_s: float) -> bool:
+        """Wait for a world time; False when it is interrupted before."""
+        if not self._interruption.done():
+            await wait_until(self._clock, world_s, self._interruption)
+        return not self._interruption.done()
 
 
-Work = Callable[[Operation], Awaitable[str]]
+Work = Callable[[Operation], Awaitable[Ending]]
