@@ -85,6 +85,7 @@ class PlcConfig(Settings):
     port: int = Field(ge=1, le=65535, description="TCP port of the PLC, usually 502")
     unit_id: int = Field(ge=0, le=255, description="Modbus unit number")
     scan_period_ms: float = Field(ge=1, le=100, description="One exchange per so many milliseconds, 10 to 20 on a line")
+    stale_after_ms: float = Field(ge=50, le=2000, description="An older picture of the PLC's inputs aborts the cell")
     exchange: Literal["fc23", "fc3+fc16"] = Field(description="fc3+fc16 for a PLC that lacks function code 23")
 
 

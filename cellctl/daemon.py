@@ -41,6 +41,7 @@ def build_devices(config: CellConfig) -> Devices:
             plc.port,
             unit_id=plc.unit_id,
             scan_period_s=plc.scan_period_ms / 1000,
+            stale_after_s=plc.stale_after_ms / 1000,
             exchange=plc.exchange,
         ),
         robot=Robot(

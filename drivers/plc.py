@@ -37,13 +37,22 @@ class Plc:
         *,
         unit_id: int = 1,
         scan_period_s: float = 0.01,
+        stale_after_s: float = 0.25,
         exchange: Literal["fc23", "fc3+fc16"] = "fc23",
         device: str = "plc",
     ) -> None:
         if exchange not in ("fc23", "fc3+fc16"):
             raise ValueError(f'exchange must be "fc23" or "fc3+fc16" (got {exchange!r})')
         one_request = exchange == "fc23"
-        self._scan = PlcScan(device, host, port, unit_id=unit_id, period_s=scan_period_s, one_request=one_request)
+        self._scan = PlcScan(
+            device,
+            host,
+            port,
+            unit_id=unit_id,
+            period_s=scan_period_s,
+            stale_after_s=stale_after_s,
+            one_request=one_request,
+        )
         self._turn = asyncio.Lock()  # one command after the other
         self._stop_turn = asyncio.Lock()  # stop overtakes the others, but not another stop
 
@@ -60,7 +69,7 @@ class Plc:
     def image(self) -> PlcImage:
         """The newest picture of registers 100..131.
 
-        Raises what makes it worthless: LinkLost, NoAnswer (older than 250 ms, or the PLC's heartbeat stood still for
+        Raises what makes it worthless: LinkLost, NoAnswer (older than `stale_after_s`, or the PLC's heartbeat stood still for
         500 ms), Mismatch (map version, foreign session), Garbled, Refused.
         """
         return self._scan.picture

@@ -29,7 +29,6 @@ from drivers.plc_registers import (
 )
 
 ANSWER_WITHIN_S = 0.2
-STALE_AFTER_S = 0.25
 HEARTBEAT_WITHIN_S = 0.5
 FIRST_BACK_OFF_S, LONGEST_BACK_OFF_S = 0.1, 2.0
 LONGEST_SCAN_S = 0.1  # the PLC takes a heartbeat that stands still for 500 ms as our end
@@ -55,7 +54,17 @@ class Order:
 class PlcScan:
     """What goes round: `outputs`, `shown` and `taken` go out with each exchange, `picture` and `trouble` come back."""
 
-    def __init__(self, device: str, host: str, port: int, *, unit_id: int, period_s: float, one_request: bool) -> None:
+    def __init__(
+        self,
+        device: str,
+        host: str,
+        port: int,
+        *,
+        unit_id: int,
+        period_s: float,
+        stale_after_s: float,
+        one_request: bool,
+    ) -> None:
         if not 0 < period_s <= LONGEST_SCAN_S:
             raise ValueError(f"scan_period_s must be above 0 and at most {LONGEST_SCAN_S} (got {period_s})")
         self.device = device
@@ -67,6 +76,7 @@ class PlcScan:
         self._address = (host, port)
         self._unit_id = unit_id
         self._period_s = period_s
+        self._stale_after_s = stale_after_s
         self._one_request = one_request
         self._session = secrets.randbelow(0xFFFF) + 1
         self._heartbeat = 0
@@ -100,8 +110,9 @@ class PlcScan:
         """What makes the newest picture worthless, None when nothing does."""
         if self._down is not None or self._image is None:
             return self._down
-        if (age_s := self.picture_age_s) > STALE_AFTER_S:
-            return NoAnswer(self.device, f"newest picture is {age_s * 1000:.0f} ms old (limit 250 ms); is run() alive?")
+        if (age_s := self.picture_age_s) > self._stale_after_s:
+            limit = f"limit {self._stale_after_s * 1000:.0f} ms"
+            return NoAnswer(self.device, f"newest picture is {age_s * 1000:.0f} ms old ({limit}); is run() alive?")
         if (age_s := time.monotonic() - self._beat_at_s) > HEARTBEAT_WITHIN_S:
             beat = f"heartbeat (register 100) stands at {self._image.heartbeat} for {age_s * 1000:.0f} ms"
             return NoAnswer(self.device, f"{beat}; put the PLC into RUN")
