@@ -69,8 +69,8 @@ class Plc:
     def image(self) -> PlcImage:
         """The newest picture of registers 100..131.
 
-        Raises what makes it worthless: LinkLost, NoAnswer (older than `stale_after_s`, or the PLC's heartbeat stood still for
-        500 ms), Mismatch (map version, foreign session), Garbled, Refused.
+        Raises what makes it worthless: LinkLost, NoAnswer (older than `stale_after_s`, or the PLC's heartbeat stood
+        still for 500 ms), Mismatch (map version, foreign session), Garbled, Refused.
         """
         return self._scan.picture
 

@@ -67,8 +67,8 @@ def test_the_simulated_cell_differs_from_the_cell_only_in_how_it_is_reached():
     assert keys(real) == keys(simulated)
     for table, key in re.findall(
         r"(\w+)\.(\w+)",
-        "plc.host plc.port plc.scan_period_ms plc.stale_after_ms robot.address robot.serial camera_1.address camera_1.serial"
-        " camera_2.address camera_2.serial",
+        "plc.host plc.port plc.scan_period_ms plc.stale_after_ms robot.address robot.serial"
+        " camera_1.address camera_1.serial camera_2.address camera_2.serial",
     ):
         del real[table][key], simulated[table][key]
     for cell in (real, simulated):

@@ -19,7 +19,7 @@ from cellctl.vision import (
     find_base,
     find_battery,
 )
-from simulators.parts import BaseDrawing
+from simulators.parts import FOIL, BaseDrawing
 from simulators.place import Place
 from simulators.render import Polygon, Scene, render
 from tests.vision_scenes import (
@@ -79,6 +79,19 @@ def test_an_edge_that_goes_on_past_the_corner_is_refused() -> None:
     pixels[row : row + 300, : round(corner.u) + 200] = 150
 
     assert refusal(view._replace(pixels=pixels, features=(edge_1, edge_2)), "battery") == "corner"
+
+
+@pytest.mark.parametrize("beyond_mm", [0.08, 0.12, 0.15, 0.17, 0.20, 0.30])
+def test_a_battery_with_something_like_it_over_half_of_an_edge_is_refused(beyond_mm: float) -> None:
+    """As much is seen of the true edge as of that thing's, which runs beside it: which one is meant?"""
+    x_mm, y_mm = -26.5, -42.5
+    inner, outer = y_mm + 0.1, y_mm - beyond_mm
+    left, right = x_mm + 4.0, x_mm + 8.5
+    lid = Polygon(np.array([[left, inner], [right, inner], [right, outer], [left, outer]]), FOIL)
+    assert refusal(battery_view(np.random.default_rng(30), over=[lid]), "battery") in {
+        "edge 1 rival",
+        "edge 1 residual",
+    }
 
 
 @pytest.mark.parametrize("radius_mm", [2.75, 2.88, 3.12, 3.3])
