@@ -28,7 +28,7 @@ from drivers.plc_registers import (
     decode,
 )
 
-ANSWER_WITHIN_S = 0.2
+ANSWER_SHARE = 0.8  # an answer is waited for so long, in parts of the age at which a picture is stale
 HEARTBEAT_WITHIN_S = 0.5
 FIRST_BACK_OFF_S, LONGEST_BACK_OFF_S = 0.1, 2.0
 LONGEST_SCAN_S = 0.1  # the PLC takes a heartbeat that stands still for 500 ms as our end
@@ -158,7 +158,7 @@ class PlcScan:
             await self._exchanged.wait()
 
     async def change(self) -> None:
-        """Return when the exchange under way has ended, well or not: within 0.2 s while there is no trouble."""
+        """Return when the exchange under way has ended, well or not: without trouble before the picture is stale."""
         await self._exchanged.wait()
 
     # -- commands --------------------------------------------------------------------------------------------------
@@ -233,7 +233,7 @@ class PlcScan:
     async def _connection(self) -> None:
         """One connection, until it fails."""
         host, port = self._address
-        link = ModbusLink(self.device, host, port, unit_id=self._unit_id, within_s=ANSWER_WITHIN_S)
+        link = ModbusLink(self.device, host, port, unit_id=self._unit_id, within_s=ANSWER_SHARE * self._stale_after_s)
         try:
             await link.open()
             await self._reconcile(link)

@@ -20,7 +20,7 @@ from cellctl.vision.plane import direction, middle
 TURN_STEP_DEG = 0.25
 MOST_TURNS = 64  # to either side
 SPARE_DEG = 12.0  # gradients of noisy pixels point that far off their edge's normal
-SUPPRESSED_BINS = 6  # to either side of a peak: no second hypothesis there, calipers see beyond (16 px)
+SUPPRESSED_BINS = 4  # to either side of a peak: no second hypothesis there, calipers see beyond (16 px)
 SAME_CIRCLE = 4  # coarse px: votes so near belong to the same circle
 LEAST_VOTES = 0.15  # per coarse px of radius, at the peak: a whole, clean outline has 0.9
 LEAST_SHARE = 0.8  # of the best peak's votes; half of joint votes come from the other edge

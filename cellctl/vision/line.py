@@ -15,7 +15,7 @@ from cellctl.vision.scan import Line, Scan, edge_covariance
 from cellctl.vision.steps import PLATEAU_PX, Response, Steps, respond, true_steps
 from cellctl.vision.strip import BAND_PX, BLOCK_PX, Strip, line_strip
 
-CALIPER_PX = 20  # to either side of the rough line
+CALIPER_PX = 28  # to either side of the rough line: beyond, another edge is another peak of the votes
 SKIP = 4  # calipers take every fourth column
 FEWEST_BLOCKS = 8
 FEWEST_HITS = 6
