@@ -12,6 +12,7 @@ from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
+from multiprocessing import get_context
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -117,7 +118,7 @@ def run(units: int, populations: tuple[Population, ...] = POPULATIONS, processes
     work = list(cells(units, populations))
     if processes == 1:
         return [one_cell(*item) for item in work]
-    with ProcessPoolExecutor(processes) as pool:
+    with ProcessPoolExecutor(processes, get_context("spawn")) as pool:
         waiting = [pool.submit(one_cell, *item) for item in work]
         for done in as_completed(waiting):
             batches.append(done.result())

@@ -13,6 +13,7 @@ import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import replace
+from multiprocessing import get_context
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -82,7 +83,8 @@ REGIMES = (
 def main(pictures: int, units: int, out: Path = OUT) -> None:
     began_s = time.monotonic()
     result: dict[str, Any] = {"gap": {}, "drift": {}}
-    with ProcessPoolExecutor(PROCESSES, initializer=cv2.setNumThreads, initargs=(1,)) as pool:
+    spawn = get_context("spawn")  # a forked child would inherit the locks of cv2's threads
+    with ProcessPoolExecutor(PROCESSES, spawn, initializer=cv2.setNumThreads, initargs=(1,)) as pool:
         for number, regime in enumerate(REGIMES):
             works = [
                 pool.submit(regime_pictures, number, seed, min(CHUNK, pictures - seed * CHUNK))
