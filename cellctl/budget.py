@@ -243,7 +243,7 @@ class Budget:
         base, y_mm = self.recipe.base, self.recipe.base.edge_distance_mm
         mark = Mark(Mm(0.0, 0.0), (Mm(base.edge_from_mm, y_mm), Mm(base.edge_to_mm, y_mm)))
         golden = self.config.mount_1.frame(self.taught.look_1).inverse() @ self.taught.robot_from_base
-        return MapError.of("calibration camera 1", self.calibrations[0], golden, mark)
+        return _map_error("calibration camera 1", self.calibrations[0], golden, mark)
 
     @cached_property
     def _calibration_2(self) -> MapError:
@@ -253,10 +253,14 @@ class Budget:
         along_x = battery.edge_x_mm >= battery.edge_y_mm
         step = Mm(-sx * battery.edge_x_mm, 0.0) if along_x else Mm(0.0, -sy * battery.edge_y_mm)
         mark = Mark(corner, (corner, Mm(corner.x_mm + step.x_mm, corner.y_mm + step.y_mm)))
-        return MapError.of("calibration camera 2", self.calibrations[1], taught.look_2 @ taught.tool_from_battery, mark)
+        return _map_error("calibration camera 2", self.calibrations[1], taught.look_2 @ taught.tool_from_battery, mark)
 
 
 def _undoing(error: Floats) -> Pose:
     """The motion that takes an error off a pose."""
     x_mm, y_mm, turn_rad = error.tolist()
     return Pose(-x_mm, -y_mm, -math.degrees(turn_rad))
+
+
+def _map_error(name: str, calibration: CameraCalibration, taught: Pose, mark: Mark) -> MapError:
+    return MapError.of(name, calibration.plane, calibration.covariance_array, taught, mark)

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from cellctl.calibration.accuracy import Mark, pose_jacobian
-from cellctl.calibrations import CameraCalibration
+from cellctl.calibration.plane_map import PlaneMap
 from cellctl.geometry import Pose
 from cellctl.placement import Errors, Floats
 
@@ -28,14 +28,13 @@ class MapError(NamedTuple):
     slopes: Floats  # (3, 3, parameters): the part's error per mm, mm, rad that it lies away from its taught pose
 
     @classmethod
-    def of(cls, name: str, calibration: CameraCalibration, taught: Pose, mark: Mark) -> "MapError":
-        """From a calibration's covariance; `mark` is what is measured of the part, in the part's frame."""
+    def of(cls, name: str, plane: PlaneMap, covariance: Floats, taught: Pose, mark: Mark) -> "MapError":
+        """From the covariance of a map's PARAMETERS; `mark` is what is measured of the part, in the part's frame."""
         here, *there = (
-            DEG_TO_RAD @ pose_jacobian(calibration.plane, pose, mark)
-            for pose in (taught, *(taught @ step for step in STEPS))
+            DEG_TO_RAD @ pose_jacobian(plane, pose, mark) for pose in (taught, *(taught @ step for step in STEPS))
         )
         slopes = np.stack([(jacobian - here) / step for jacobian, step in zip(there, STEP.tolist(), strict=True)])
-        return cls(taught, Errors.of(name, calibration.covariance_array), slopes)
+        return cls(taught, Errors.of(name, covariance), slopes)
 
     def at(self, found: Pose) -> Errors:
         """3 rows of the found part."""

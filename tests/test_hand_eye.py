@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
-from cellctl.calibration.accuracy import Mark, differential_covariance, pose_covariance
+from cellctl.calibration.accuracy import Mark, pose_jacobian
 from cellctl.calibration.adjustment import minimise
 from cellctl.calibration.bundle import Bundle, Shots
 from cellctl.calibration.hand_eye import HandEye, solve_hand_eye
@@ -18,6 +18,7 @@ from cellctl.calibration.problem import Looks, tool_scatter
 from cellctl.calibration.scara import Noise, Setup, pose_array
 from cellctl.calibration.view import drawn_setup
 from cellctl.geometry import Mm, Pose, Px
+from cellctl.map_error import MapError
 from tests.calibration_cells import (
     BOARD,
     CASES,
@@ -36,6 +37,7 @@ from tests.calibration_cells import (
     true_cell,
 )
 
+IN_DEG = np.diag([1.0, 1.0, math.degrees(1.0)])
 GRID_MM = np.stack(np.meshgrid(np.linspace(-8, 8, 9), np.linspace(-6, 6, 7)), -1).reshape(-1, 2)
 
 
@@ -255,10 +257,12 @@ def test_the_uncertainty_of_a_difference_is_that_of_the_differences(six):
         taught = Pose(x, y, 20.0)
         moved = taught @ Pose(*rng.uniform(-1, 1, 2).tolist(), float(rng.uniform(-1.5, 1.5)))
         at, there = (_measured(cell, found, pose, mark) for pose in (taught, moved))
-        away = _error(taught.inverse() @ moved, at.inverse() @ there)
-        spread = differential_covariance(found.plane_map, found.covariance, taught, moved, mark)
+        away = _error(moved, there) - _error(taught, at)  # each in its own frame, as a placement has them
+        spread = MapError.of("map", found.plane_map, found.covariance, taught, mark).at(moved).covariance
+        spread = IN_DEG @ spread @ IN_DEG
         squares.append(away @ np.linalg.solve(spread, away) / 3)
-        alone, alone_spread = _error(moved, there), pose_covariance(found.plane_map, found.covariance, moved, mark)
+        alone, by_map = _error(moved, there), pose_jacobian(found.plane_map, moved, mark)
+        alone_spread = by_map @ found.covariance @ by_map.T
         absolute.append(alone @ np.linalg.solve(alone_spread, alone) / 3)
         angles.append(math.sqrt(spread[2, 2]))
     assert 0.2 < np.mean(squares) < 2.4  # chi square of 18: 99.9 % within 0.27 to 2.35

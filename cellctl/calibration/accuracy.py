@@ -126,30 +126,6 @@ def _sd_um(jacobian: FloatArray, parameters: FloatArray) -> float:
 # -- poses -----------------------------------------------------------------------------------------------------------
 
 
-def pose_covariance(camera: PlaneMap, parameters: FloatArray, pose: Pose, mark: Mark) -> FloatArray:
-    """Of a pose measured through the map: covariance (3, 3) in mm, mm, deg of its error, in the part's own frame.
-
-    `pose` is a_from_part, a the map's mm frame; `parameters` the covariance (21, 21) of PARAMETERS.
-    """
-    jacobian = pose_jacobian(camera, pose, mark)
-    return np.asarray(jacobian @ parameters @ jacobian.T, np.float64)
-
-
-def differential_covariance(
-    camera: PlaneMap, parameters: FloatArray, taught: Pose, found: Pose, mark: Mark
-) -> FloatArray:
-    """Of `taught.inverse() @ found`, both measured through the map: (3, 3) in mm, mm, deg, in the found part's frame.
-
-    Only what the calibration adds; most of it cancels between the two. The robot stands at the same pose for both.
-    """
-    back = found.inverse() @ taught
-    carried = np.eye(3)
-    carried[:2, :2] = rotation(math.radians(back.t_deg))
-    carried[:2, 2] = -QUARTER @ np.array(back[:2]) * math.pi / 180  # the error's angle is in degrees
-    jacobian = pose_jacobian(camera, found, mark) - carried @ pose_jacobian(camera, taught, mark)
-    return np.asarray(jacobian @ parameters @ jacobian.T, np.float64)
-
-
 def pose_jacobian(camera: PlaneMap, pose: Pose, mark: Mark) -> FloatArray:
     """How a measured pose, in its part's frame, depends on PARAMETERS, (3, 21): mm, mm, deg."""
     point, start, end = (

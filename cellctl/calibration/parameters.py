@@ -17,7 +17,7 @@ PARAMETERS = (
 )  # fmt: skip
 SHARED = len(PARAMETERS)  # before the three corrections of each pose
 MATRIX, OFFSET, BOARD = slice(0, 4), slice(4, 6), slice(6, 9)
-K1, CENTRE, K2_TO_P2 = 9, slice(10, 12), slice(12, 16)
+CENTRE = slice(10, 12)
 COEFFICIENTS = (9, 12, 13, 14, 15)  # in distortion.py's order
 PERSPECTIVE, SLOPE, APPROACH = slice(16, 18), slice(18, 20), 20
 BELIEVED = slice(9, SHARED)  # those with a prior

@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from cellctl.calibration.accuracy import Mark, differential_covariance
+from cellctl.calibration.accuracy import Mark
 from cellctl.calibration.hand_eye import HandEye, solve_hand_eye
 from cellctl.calibration.linear import grid_fits, linear_start
 from cellctl.calibration.plan import Plan, PlanRequest, plan_hand_eye
@@ -27,6 +27,7 @@ from cellctl.calibration.six_dof.pairs import Pairs
 from cellctl.calibration.six_dof.peers import METHODS, opencv_camera
 from cellctl.calibration.six_dof.rigid import rigid, rotation_from_vector
 from cellctl.geometry import Mm, Pose, Px
+from cellctl.map_error import MapError
 from cellctl.mount import FLAGS, Stop
 from drivers.rcx import Point
 from drivers.reach import Limits
@@ -52,6 +53,7 @@ DISTANCE_MM, TILT_SD_DEG, DEPTH_SD_MM = 110.0, 0.02, 0.03  # what a plate's pose
 LIMITS = Limits(inner_reach_mm=135, outer_reach_mm=398, r_min_deg=-180, r_max_deg=180)
 OURS, CLOSED = "cellctl", "closed form"
 MARK = Mark(Mm(0.0, 0.0), (Mm(-7.0, 4.0), Mm(7.0, 4.0)))
+IN_DEG = np.diag([1.0, 1.0, math.degrees(1.0)])
 Row = dict[str, Any]
 Errors = dict[str, list[np.ndarray]]
 Say = Callable[[str], None]
@@ -211,8 +213,10 @@ def note_squares(cell: Cell, found: HandEye, known: dict[str, list[float]], rng:
     taught = Pose(*cell.axis_mm.tolist(), 10.0)
     there = taught @ Pose(*rng.uniform(-1, 1, 2).tolist(), float(rng.uniform(-1.5, 1.5)))
     measured = [measure(cell, found, pose) for pose in (taught, there)]
-    error = np.array((taught.inverse() @ there).inverse() @ (measured[0].inverse() @ measured[1]))
-    spread = differential_covariance(found.plane_map, found.covariance, taught, there, MARK)
+    off = [np.array(true.inverse() @ seen) for true, seen in zip((taught, there), measured, strict=True)]
+    error = off[1] - off[0]  # each in its own frame, as a placement has them
+    spread = MapError.of("map", found.plane_map, found.covariance, taught, MARK).at(there).covariance
+    spread = IN_DEG @ spread @ IN_DEG
     known["differential"].append(float(error @ np.linalg.solve(spread, error)) / 3)
 
 
