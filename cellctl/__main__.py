@@ -50,8 +50,8 @@ def cli() -> None:
 @option("--state", type=FILE, help="Folder of journal and calibration instead of the configured one.")
 def run(config: Path, state: Path | None) -> None:
     """Run the cell, until SIGTERM or SIGINT. This is what the service starts."""
-    from cellctl.commands import run_loop
     from cellctl.daemon import run as run_daemon
+    from cellctl.desk.commands import run_loop
 
     end(run_loop(run_daemon(config, state)))
 
@@ -62,8 +62,8 @@ def run(config: Path, state: Path | None) -> None:
 @option("--offline", is_flag=True, help="Leave the devices alone: settings, folders and calibrations only.")
 def check(config: Path, as_json: bool, offline: bool) -> None:
     """Test settings, folders and devices before production; nothing moves."""
-    from cellctl.check import check as check_cell
-    from cellctl.commands import run_loop
+    from cellctl.desk.check import check as check_cell
+    from cellctl.desk.commands import run_loop
 
     end(run_loop(check_cell(config, as_json=as_json, offline=offline)))
 
@@ -77,7 +77,7 @@ def check(config: Path, as_json: bool, offline: bool) -> None:
 @option("--out", type=FILE, default=Path("build/demo"), show_default=True, help="Folder to fill; emptied first.")
 def demo(**options: Any) -> None:
     """Calibrate, teach and assemble in a simulated cell, live, with the real controller and the real protocols."""
-    from cellctl.demo import Options, main
+    from cellctl.desk.demo import Options, main
 
     end(main(Options(**options)))
 
@@ -120,7 +120,7 @@ def start(config: Path, as_json: bool, units: int | None, wait: bool) -> None:
     """Start production."""
     import asyncio
 
-    from cellctl.client import event_printer, run_requests, wait_for_run
+    from cellctl.desk.client import event_printer, run_requests, wait_for_run
 
     requests: list[dict[str, object]] = [{"verb": "units_left", "count": units}] if units is not None else []
     requests.append({"verb": "command", "name": "start"})
@@ -177,8 +177,8 @@ cli.add_command(vision)
 @with_json
 def log(config: Path, file: Path | None, follow: bool, lines: int, unit: str | None, as_json: bool) -> None:
     """Show the operator's log."""
+    from cellctl.desk.tail import Choice, tail
     from cellctl.lines import FILE_NAME
-    from cellctl.tail import Choice, tail
 
     path = file or settings(config).paths.log / FILE_NAME
     for line in tail(path, Choice(unit=unit, as_json=as_json), lines=lines, follow=follow):
@@ -196,7 +196,7 @@ def log(config: Path, file: Path | None, follow: bool, lines: int, unit: str | N
 @with_json
 def units(config: Path, file: Path | None, last: int, as_csv: bool, as_json: bool, **filters: str | None) -> None:
     """Show or export the records of the last units."""
-    from cellctl import records
+    from cellctl.desk import records
     from cellctl.journal_file import FILE_NAME
 
     path = file or settings(config).paths.state / FILE_NAME
@@ -209,14 +209,14 @@ def units(config: Path, file: Path | None, last: int, as_csv: bool, as_json: boo
 @with_json
 def faults(as_json: bool) -> None:
     """Print the table of faults: code, what the cell does, what to do."""
-    from cellctl.commands import print_faults
+    from cellctl.desk.commands import print_faults
 
     print_faults(as_json=as_json)
 
 
 def main() -> None:
     """The program `cellctl`. What a person can mend is said in one sentence on standard error."""
-    from cellctl.command_errors import Sentences
+    from cellctl.cli.errors import Sentences
 
     with Sentences():
         cli(standalone_mode=False)

@@ -11,11 +11,11 @@ from collections.abc import Awaitable, Callable, Coroutine
 from functools import partial
 from typing import Any, Protocol
 
+from cellctl.assembly.hand import COMMAND_WITHIN_S, Devices, lift_free
 from cellctl.config import CellConfig
-from cellctl.doubts import raise_doubt
-from cellctl.events import Event, state_event
+from cellctl.control.events import Event, state_event
 from cellctl.faults import CellError, NotReady, Reaction, SafetyLost, fault_for, sentence
-from cellctl.hand import COMMAND_WITHIN_S, Devices, lift_free
+from cellctl.learnt.doubts import raise_doubt
 from cellctl.log import log
 from cellctl.machine import (
     ACTING,

@@ -17,7 +17,11 @@ from contextlib import asynccontextmanager, contextmanager
 from functools import partial
 from typing import Any
 
-from cellctl.budget import Located
+from cellctl.assembly.budget import Located
+from cellctl.assembly.gap import check_gap
+from cellctl.assembly.locate import as_text, locate_base, locate_base_again, locate_battery, locate_battery_again
+from cellctl.assembly.sight import exposed, never_outliving
+from cellctl.assembly.unit import Job, Unit
 from cellctl.faults import (
     BaseNotFound,
     BatteryLost,
@@ -26,12 +30,8 @@ from cellctl.faults import (
     PlacementUncertain,
     VacuumStuck,
 )
-from cellctl.gap import check_gap
 from cellctl.geometry import Pose, place_pose
-from cellctl.locate import as_text, locate_base, locate_base_again, locate_battery, locate_battery_again
 from cellctl.log import bind, step
-from cellctl.sight import exposed, never_outliving
-from cellctl.unit import Job, Unit
 from drivers.errors import FrameLost, NoAnswer, Refused
 
 

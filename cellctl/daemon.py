@@ -13,16 +13,16 @@ from pathlib import Path
 import cv2
 
 from cellctl import service
+from cellctl.assembly.hand import Devices
 from cellctl.cell import Cell
 from cellctl.config import CameraConfig, CellConfig, load_config
-from cellctl.control import ControlServer
-from cellctl.hand import Devices
+from cellctl.control.server import ControlServer
+from cellctl.control.session import Session
 from cellctl.journal import Journal
 from cellctl.journal_file import FILE_NAME as JOURNAL_NAME
 from cellctl.lines import FILE_NAME as LOG_NAME
 from cellctl.log import configure, log
-from cellctl.pictures import Pictures
-from cellctl.session import Session
+from cellctl.pictures.writer import Pictures
 from drivers.gige import GigeCamera
 from drivers.plc import Plc
 from drivers.rcx import LEFTY, RIGHTY

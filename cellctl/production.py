@@ -4,13 +4,13 @@ import asyncio
 import time
 from collections.abc import Callable
 
+from cellctl.assembly.hand import COMMAND_WITHIN_S, seeing
+from cellctl.assembly.unit import Job, Unit
+from cellctl.control.events import Event, unit_event
 from cellctl.cycle import assemble
-from cellctl.events import Event, unit_event
 from cellctl.faults import CellError, Reaction, UnitTooSlow, fault_for, sentence
-from cellctl.hand import COMMAND_WITHIN_S, seeing
 from cellctl.journal import Record, Verdict
 from cellctl.log import StepTime, bound, log, trace
-from cellctl.unit import Job, Unit
 from drivers.errors import DeviceError
 
 INTERRUPTED = "aborted before it was finished: look for its battery in the cell"

@@ -12,12 +12,12 @@ from pathlib import Path
 
 import numpy as np
 
-from cellctl import seating
-from cellctl.drift import Drift, Observation
+from cellctl.assembly import seating
+from cellctl.assembly.views import corner_mm
 from cellctl.geometry import Pose, place_pose, wrap_deg
+from cellctl.monitoring.drift import Drift, Observation
+from cellctl.monitoring.watch import Watch
 from cellctl.recipe import Recipe, load_recipe
-from cellctl.views import corner_mm
-from cellctl.watch import Watch
 
 RECIPE = load_recipe(Path(__file__).resolve().parent.parent / "recipes", "x85")
 STATION, TABLE, CAMERA_2 = Pose(282.0, 120.0, 0.0), Pose(200.0, -220.0, 0.0), Pose(300.0, -120.0, 0.0)

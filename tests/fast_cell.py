@@ -15,18 +15,18 @@ from typing import Literal, NamedTuple, Protocol
 
 import numpy as np
 
-from cellctl import views
-from cellctl.budget import Budget, CornerAgain, EdgeAgain, Located
-from cellctl.calibrations import CameraCalibration
+from cellctl.assembly import views
+from cellctl.assembly.budget import Budget, CornerAgain, EdgeAgain, Located
+from cellctl.assembly.hand import commanded
+from cellctl.assembly.stops import looking_at_base, looking_at_battery
 from cellctl.config import CellConfig
 from cellctl.geometry import Pose, mean_pose, place_pose
-from cellctl.golden import Assemblies, Golden
-from cellctl.hand import commanded
+from cellctl.learnt.calibrations import CameraCalibration
+from cellctl.learnt.references import now
+from cellctl.learnt.taught import Taught, TaughtCorner, TaughtEdge, geometry_of
 from cellctl.placement import Prediction, WorstCorner
+from cellctl.procedures.golden import Assemblies, Golden
 from cellctl.recipe import Recipe
-from cellctl.references import now
-from cellctl.stops import looking_at_base, looking_at_battery
-from cellctl.taught import Taught, TaughtCorner, TaughtEdge, geometry_of
 from cellctl.vision import BaseMeasurement, BatteryMeasurement, Edge
 from simulators.layout import Layout
 from simulators.place import Place

@@ -7,7 +7,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cellctl import views
+from cellctl.assembly import views
+from cellctl.assembly.hand import commanded
+from cellctl.assembly.sight import KNOWN_DEG, KNOWN_MM
 from cellctl.calibration.board import DotBoard
 from cellctl.calibration.dots import find_dots
 from cellctl.calibration.hand_eye import solve_hand_eye
@@ -15,14 +17,12 @@ from cellctl.calibration.parameters import PARAMETERS
 from cellctl.calibration.plane_map import PlaneMap
 from cellctl.calibration.problem import Looks
 from cellctl.calibration.scara import Kind, Noise
-from cellctl.calibrations import CameraCalibration
 from cellctl.geometry import Pose, Px
-from cellctl.hand import commanded
+from cellctl.learnt.calibrations import CameraCalibration
+from cellctl.learnt.references import Eye, now
 from cellctl.recipe import Recipe
 from cellctl.recipe_parts import Base as BasePart
 from cellctl.recipe_parts import Battery as BatteryPart
-from cellctl.references import Eye, now
-from cellctl.sight import KNOWN_DEG, KNOWN_MM
 from cellctl.vision import (
     Appearance,
     BaseMeasurement,

@@ -4,10 +4,10 @@ from typing import Any
 
 import numpy as np
 
+from cellctl.assembly.views import corner_mm
 from cellctl.geometry import Mm, Offset, turned_about
+from cellctl.learnt.taught import Taught
 from cellctl.recipe import load_recipe
-from cellctl.taught import Taught
-from cellctl.views import corner_mm
 from simulators.supply import Delivery, Displacement, Sizes
 from tests.whole_cell import Bench
 

@@ -5,10 +5,10 @@ from typing import Any
 import numpy as np
 
 from cellctl.calibration.plane_map import PlaneMap
-from cellctl.calibrations import CameraCalibration, ToolFigures
 from cellctl.geometry import Pose, Px
-from cellctl.references import now
-from cellctl.taught import Taught
+from cellctl.learnt.calibrations import CameraCalibration, ToolFigures
+from cellctl.learnt.references import now
+from cellctl.learnt.taught import Taught
 
 PLANE = PlaneMap(((136.0, 0.0), (0.0, -136.0)), (1300.0, 970.0), 0.0, (1295.5, 971.5))
 PARAMETERS = ("a11", "a12", "a21", "a22", "offset_u_px", "offset_v_px")

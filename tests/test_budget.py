@@ -6,10 +6,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cellctl.budget import EdgeAgain, Needs
+from cellctl.assembly.budget import EdgeAgain, Needs
+from cellctl.assembly.stops import out_of_reach
 from cellctl.geometry import Mm, Pose
 from cellctl.recipe import Recipe
-from cellctl.stops import out_of_reach
 from simulators.layout import build_layout
 from simulators.supply import Form, Scatter, Supply
 from tests.benchmarks.bench_budget import Population, drawn, figures, run

@@ -13,10 +13,10 @@ from pathlib import Path
 import pytest
 
 from cellctl.__main__ import main
-from cellctl.control import ControlServer
-from cellctl.control_errors import Declined
-from cellctl.control_requests import CalibrateRequest, CommandRequest, Request, TeachRequest, UnitsLeftRequest
-from cellctl.events import job_event, progress_event, state_event, unit_event
+from cellctl.control.errors import Declined
+from cellctl.control.events import job_event, progress_event, state_event, unit_event
+from cellctl.control.requests import CalibrateRequest, CommandRequest, Request, TeachRequest, UnitsLeftRequest
+from cellctl.control.server import ControlServer
 from cellctl.faults import FAULTS
 from cellctl.journal import Journal, Record, Verdict
 from cellctl.log import configure
@@ -317,10 +317,7 @@ def test_help_imports_only_click_and_the_standard_library(environment):
     assert "Run and operate an assembly cell" in out
     assert modules.isdisjoint({"cv2", "numpy", "scipy", "pydantic", "structlog", "asyncio", "sqlite3", "pymodbus"})
     ours = {name for name in modules if name.startswith(("cellctl.", "drivers", "simulators"))}
-    assert {name for name in ours if not name.startswith("cellctl.cli")} <= {
-        "cellctl.__main__",
-        "cellctl.command_errors",
-    }
+    assert {name for name in ours if not name.startswith("cellctl.cli")} <= {"cellctl.__main__"}
 
 
 def test_checking_a_recipe_imports_no_vision_and_no_devices(environment):

@@ -13,11 +13,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cellctl import control
-from cellctl.client import NotReachable, RequestFailed, call, wait_for_job, wait_for_run, watch
-from cellctl.control import ControlServer
-from cellctl.control_errors import ControlError, Declined
-from cellctl.control_requests import (
+from cellctl.control import server
+from cellctl.control.errors import ControlError, Declined
+from cellctl.control.events import job_event, progress_event, state_event
+from cellctl.control.requests import (
     MAX_LINE,
     BadRequest,
     CalibrateRequest,
@@ -28,7 +27,8 @@ from cellctl.control_requests import (
     TeachRequest,
     parse_request,
 )
-from cellctl.events import job_event, progress_event, state_event
+from cellctl.control.server import ControlServer
+from cellctl.desk.client import NotReachable, RequestFailed, call, wait_for_job, wait_for_run, watch
 from cellctl.machine import Command, Mode, NotAllowed
 
 
@@ -128,7 +128,7 @@ async def test_the_machines_and_the_handlers_no_reach_the_asker(daemon: Daemon):
 
 
 async def test_a_handler_that_hangs_is_given_up(daemon: Daemon, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(control, "ANSWER_WITHIN_S", 0.05)
+    monkeypatch.setattr(server, "ANSWER_WITHIN_S", 0.05)
     with pytest.raises(RequestFailed, match=r"did not answer within 0.05 s") as late:
         await call(daemon.path, {"verb": "command", "name": "clear"})
     assert late.value.code == "late"
@@ -232,7 +232,7 @@ async def test_half_a_request_is_none(daemon: Daemon):
 
 
 async def test_a_client_that_says_nothing_is_let_go(daemon: Daemon, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(control, "READ_WITHIN_S", 0.05)
+    monkeypatch.setattr(server, "READ_WITHIN_S", 0.05)
     async with connected(daemon) as (reader, writer):
         writer.write(STATUS[:10])
         with contextlib.suppress(ConnectionError):
@@ -242,7 +242,7 @@ async def test_a_client_that_says_nothing_is_let_go(daemon: Daemon, monkeypatch:
 async def test_too_many_clients_are_told_so_and_the_others_still_served(
     daemon: Daemon, monkeypatch: pytest.MonkeyPatch
 ):
-    monkeypatch.setattr(control, "MOST_CLIENTS", 2)
+    monkeypatch.setattr(server, "MOST_CLIENTS", 2)
     async with connected(daemon) as first, connected(daemon) as second:
         for reader, writer in (first, second):
             writer.write(STATUS)
@@ -256,7 +256,7 @@ async def test_too_many_clients_are_told_so_and_the_others_still_served(
 async def test_who_asked_is_known_from_the_kernel(daemon: Daemon):
     ours, theirs = socket.socketpair(socket.AF_UNIX)
     with ours, theirs:
-        assert control.peer_of(ours) == (os.getpid(), os.getuid(), os.getgid())
+        assert server.peer_of(ours) == (os.getpid(), os.getuid(), os.getgid())
 
 
 # -- the socket itself -------------------------------------------------------------------------------------
@@ -316,14 +316,14 @@ async def test_a_watcher_sees_the_status_first_and_then_every_event_in_order(dae
 
 
 async def test_silence_is_filled_so_that_a_dead_daemon_is_noticed(daemon: Daemon, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(control, "ALIVE_EVERY_S", 0.01)
+    monkeypatch.setattr(server, "ALIVE_EVERY_S", 0.01)
     async with connected(daemon) as (reader, writer):
         writer.write(b'{"version": 1, "verb": "watch"}\n')
         lines = [json.loads(await asyncio.wait_for(reader.readline(), 2)) for _ in range(3)]
     assert lines[1:] == [{"event": "alive"}, {"event": "alive"}]
 
-    monkeypatch.setattr(control, "ALIVE_EVERY_S", 60)
-    monkeypatch.setattr("cellctl.client.SILENT_S", 0.05)
+    monkeypatch.setattr(server, "ALIVE_EVERY_S", 60)
+    monkeypatch.setattr("cellctl.desk.client.SILENT_S", 0.05)
     async with contextlib.aclosing(watch(daemon.path)) as events:
         await anext(events)
         with pytest.raises(NotReachable, match="fell silent"):
@@ -352,7 +352,7 @@ async def test_a_watcher_that_does_not_read_is_told_and_dropped_while_others_go_
 
 
 async def test_a_watcher_that_never_reads_again_is_cut_off(daemon: Daemon, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(control, "SEND_WITHIN_S", 0.1)
+    monkeypatch.setattr(server, "SEND_WITHIN_S", 0.1)
     async with connected(daemon) as (reader, writer):
         writer.write(b'{"version": 1, "verb": "watch"}\n')
         await reader.readline()

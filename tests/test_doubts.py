@@ -5,13 +5,13 @@ from pathlib import Path
 
 import pytest
 
-from cellctl.calibrations import CameraCalibration, caution, read_calibration, read_doubtful
 from cellctl.config import CellConfig, load_config
 from cellctl.daemon import with_state
-from cellctl.doubts import Doubt, Temperature, raise_doubt, settle_doubt, temperature_now
 from cellctl.faults import NotCalibrated
-from cellctl.references import now
-from cellctl.standing import objections, standing_texts
+from cellctl.learnt.calibrations import CameraCalibration, caution, read_calibration, read_doubtful
+from cellctl.learnt.doubts import Doubt, Temperature, raise_doubt, settle_doubt, temperature_now
+from cellctl.learnt.references import now
+from cellctl.learnt.standing import objections, standing_texts
 from tests.learnt_files import calibration
 from tests.whole_cell import ROOT
 

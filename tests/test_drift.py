@@ -10,15 +10,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cellctl.drift import AXES, RULES, Cause, Drift, Observation, Shift, after, causes, restarted
-from cellctl.drift_report import show
+from cellctl.assembly.views import corner_mm
+from cellctl.desk.drift import show
 from cellctl.faults import RecordLost
 from cellctl.geometry import Pose
 from cellctl.journal import Journal, Record, Verdict
 from cellctl.journal_file import FILE_NAME
+from cellctl.monitoring.drift import AXES, RULES, Cause, Drift, Observation, Shift, after, causes, restarted
+from cellctl.monitoring.watch import Kept, Watch, begin_anew, standing_text
 from cellctl.recipe import Recipe
-from cellctl.views import corner_mm
-from cellctl.watch import Kept, Watch, begin_anew, standing_text
 from tests.drift_units import RECIPE, DriftCell, Imperfect
 
 SPREAD_UM, SPREAD_MDEG = 6.0, 2.6  # of a unit, as the fast cell shows them

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cellctl import seating
+from cellctl.assembly import seating
 from cellctl.calibration.plane_map import PlaneMap
 from cellctl.geometry import Offset, Pose, Px
 from cellctl.recipe import Recipe, load_recipe

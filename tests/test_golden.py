@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cellctl.geometry import Pose
-from cellctl.golden import Assemblies, Golden, Spread, difference
+from cellctl.procedures.golden import Assemblies, Golden, Spread, difference
 
 HERE = Pose(0.0, 0.0, 0.0)
 

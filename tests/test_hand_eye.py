@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
+from cellctl.assembly.map_error import MapError
 from cellctl.calibration.accuracy import Mark, pose_jacobian
 from cellctl.calibration.adjustment import minimise
 from cellctl.calibration.bundle import Bundle, Shots
@@ -18,7 +19,6 @@ from cellctl.calibration.problem import Looks, tool_scatter
 from cellctl.calibration.scara import Noise, Setup, pose_array
 from cellctl.calibration.view import drawn_setup
 from cellctl.geometry import Mm, Pose, Px
-from cellctl.map_error import MapError
 from tests.calibration_cells import (
     BOARD,
     CASES,

@@ -20,7 +20,8 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from cellctl import journal, journal_file, records
+from cellctl import journal, journal_file
+from cellctl.desk import records
 from cellctl.faults import RecordLost
 from cellctl.journal import Journal, Record, Verdict
 

@@ -17,9 +17,9 @@ from cellctl.calibration.lens.boards import Chessboard
 from cellctl.calibration.lens.sightings import find_board, views_of
 from cellctl.calibration.lens.solve import LensResult, calibrate_lens
 from cellctl.config import load_config
+from cellctl.desk.lens_file import LensFile
 from cellctl.faults import NotCalibrated
 from cellctl.geometry import Pose
-from cellctl.lens_file import LensFile
 from cellctl.strict_toml import SettingsError
 from simulators.optics import Optics
 from simulators.parts import dot_plate, scene

@@ -10,13 +10,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cellctl.light import FIRST_PICTURES, MOST_GROWTH, Cause, Trend, after, growth, warnings
-from cellctl.light_watch import Kept, LightWatch, standing_text
+from cellctl.learnt.taught import taught_in_use
 from cellctl.machine import State
+from cellctl.monitoring.light import FIRST_PICTURES, MOST_GROWTH, Cause, Trend, after, growth, warnings
+from cellctl.monitoring.light_watch import Kept, LightWatch, standing_text
 from cellctl.recipe import Recipe
 from cellctl.recipe_light import RecipeLight
 from cellctl.strict_toml import load
-from cellctl.taught import taught_in_use
 from cellctl.vision import Appearance
 from simulators.product import load_product
 from simulators.world import World

@@ -16,9 +16,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cellctl import log_file
+from cellctl.desk.tail import Choice, NoLog, tail
 from cellctl.lines import operator_line
 from cellctl.log import Log, StepTime, bind, bound, configure, log, step, trace
-from cellctl.tail import Choice, NoLog, tail
 
 
 class Logged:
@@ -306,7 +306,7 @@ class Following:
 
 @pytest.fixture(autouse=True)
 def looks_often(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("cellctl.tail.LOOK_EVERY_S", 0.01)
+    monkeypatch.setattr("cellctl.desk.tail.LOOK_EVERY_S", 0.01)
 
 
 @pytest.fixture

@@ -12,7 +12,7 @@ import pytest
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
-from cellctl.picture_files import PictureError, picture_paths, read_picture, write_picture
+from cellctl.pictures.files import PictureError, picture_paths, read_picture, write_picture
 
 RNG = np.random.default_rng(3)
 MONO = RNG.integers(0, 256, (80, 120), dtype=np.uint8)

@@ -11,9 +11,9 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from cellctl.geometry import Px
+from cellctl.lessons.values import CannotTeach, Value, of_file, recipe_of, text_of, write
+from cellctl.lessons.values import given as settings_given
 from cellctl.recipe import Recipe
-from cellctl.recipe_values import CannotTeach, Value, of_file, recipe_of, text_of, write
-from cellctl.recipe_values import given as settings_given
 from cellctl.strict_toml import load
 from cellctl.vision import NotFound
 from cellctl.vision.lesson import Pointed, first_battery

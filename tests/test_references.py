@@ -10,15 +10,15 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from cellctl.calibrations import CameraCalibration, read_calibration
 from cellctl.config import CellConfig, load_config
 from cellctl.daemon import with_state
-from cellctl.doubts import Doubt, Temperature
 from cellctl.faults import NotCalibrated
 from cellctl.geometry import Pose
+from cellctl.learnt.calibrations import CameraCalibration, read_calibration
+from cellctl.learnt.doubts import Doubt, Temperature
+from cellctl.learnt.references import Reference, now
+from cellctl.learnt.taught import Taught, geometry_of, read_taught
 from cellctl.recipe import Placement, load_recipe
-from cellctl.references import Reference, now
-from cellctl.taught import Taught, geometry_of, read_taught
 from tests.learnt_files import COVARIANCE, PARAMETERS, TOOL, calibration, rows, taught
 from tests.whole_cell import ROOT
 

@@ -9,7 +9,7 @@ import pytest
 
 import drivers.conversation
 import drivers.robot
-from cellctl.hand import lift_free
+from cellctl.assembly.hand import lift_free
 from drivers.errors import Collision, DeviceError, Garbled, LinkLost, Mismatch, NoAnswer, Refused
 from drivers.robot import LEFTY, RIGHTY, Limits, Point, Robot
 from tests.robot_bench import address_of, controller_on, robot_on

@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from cellctl.budget import Budget, Needs
+from cellctl.assembly.budget import Budget, Needs
 from tests.whole_cell import ROOT, whole_cell
 
 BOTH = ["camera-1", "camera-1-again", "camera-2", "camera-2-again"]

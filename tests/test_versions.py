@@ -10,16 +10,16 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from cellctl.calibration.difference import differences, worst_um
-from cellctl.calibrations import CameraCalibration, read_calibration
-from cellctl.check import check
 from cellctl.config import load_config
 from cellctl.daemon import with_state
-from cellctl.doubts import raise_doubt
+from cellctl.desk.check import check
+from cellctl.desk.shelf import list_versions, report, show_version
 from cellctl.faults import NotCalibrated
+from cellctl.learnt.calibrations import CameraCalibration, read_calibration
+from cellctl.learnt.doubts import raise_doubt
+from cellctl.learnt.taught import geometry_of
+from cellctl.learnt.versions import Report, accept, add_candidate, revert, shelf
 from cellctl.recipe import load_recipe
-from cellctl.shelf_report import list_versions, report, show_version
-from cellctl.taught import geometry_of
-from cellctl.versions import Report, accept, add_candidate, revert, shelf
 from tests.learnt_files import PLANE, calibration, taught
 from tests.whole_cell import ROOT
 

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cellctl import views
+from cellctl.assembly import views
 from cellctl.calibration.plane_map import PlaneMap
 from cellctl.geometry import Mm, Offset, Pose, Px, turned_about, wrap_deg
 from cellctl.recipe import Recipe, load_recipe

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from cellctl.demo import TABLE_2
+from cellctl.desk.demo import TABLE_2
 from simulators.supply import Delivery, Displacement, Sizes
 from tests.whole_cell import ROOT, whole_cell
 

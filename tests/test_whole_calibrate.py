@@ -5,10 +5,10 @@ from pathlib import Path
 
 import pytest
 
-from cellctl.calibrations import CameraCalibration
-from cellctl.doubts import doubt_about
+from cellctl.learnt.calibrations import CameraCalibration
+from cellctl.learnt.doubts import doubt_about
+from cellctl.learnt.versions import shelf
 from cellctl.machine import State
-from cellctl.versions import shelf
 from simulators.place import Place
 from tests.whole_cell import Bench, whole_cell
 

@@ -8,12 +8,12 @@ from pathlib import Path
 
 import pytest
 
-from cellctl.client import call
-from cellctl.control_errors import Declined
+from cellctl.control.errors import Declined
+from cellctl.desk.client import call
+from cellctl.desk.records import units
 from cellctl.journal import Journal
 from cellctl.journal_file import FILE_NAME
 from cellctl.machine import NotAllowed, State
-from cellctl.records import units
 from tests.whole_cell import ROOT, Bench, running, simulated, whole_cell
 
 

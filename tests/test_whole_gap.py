@@ -7,15 +7,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cellctl.calibrations import CameraCalibration, read_calibration
 from cellctl.config import CellConfig
-from cellctl.control_errors import Declined
-from cellctl.drift_report import show
-from cellctl.events import Event
+from cellctl.control.errors import Declined
+from cellctl.control.events import Event
+from cellctl.desk.drift import show
 from cellctl.journal_file import FILE_NAME
+from cellctl.learnt.calibrations import CameraCalibration, read_calibration
+from cellctl.learnt.taught import Taught
+from cellctl.monitoring.watch import Kept
 from cellctl.recipe import load_recipe
-from cellctl.taught import Taught
-from cellctl.watch import Kept
 from tests.whole_cell import ROOT, Bench, running, simulated
 
 

@@ -14,19 +14,19 @@ from collections.abc import AsyncIterator, Callable, Mapping
 from pathlib import Path
 from typing import Any
 
+from cellctl.assembly.hand import Devices
 from cellctl.cell import Cell
 from cellctl.config import CellConfig, load_config
-from cellctl.control_requests import parse_request
+from cellctl.control.events import Event
+from cellctl.control.requests import parse_request
+from cellctl.control.session import Session
 from cellctl.daemon import build_devices, with_state
-from cellctl.demo import hurried
-from cellctl.events import Event
-from cellctl.hand import Devices
+from cellctl.desk.demo import hurried
+from cellctl.desk.records import units
 from cellctl.journal import Journal
 from cellctl.journal_file import FILE_NAME
 from cellctl.machine import State
-from cellctl.pictures import Pictures
-from cellctl.records import units
-from cellctl.session import Session
+from cellctl.pictures.writer import Pictures
 from simulators.cell import Addresses, SimulatedCell
 from simulators.layout import Carrier
 from simulators.product import load_product

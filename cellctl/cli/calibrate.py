@@ -75,7 +75,7 @@ def calibrate_lens(folder: Path, board: str, model: str, out: Path | None, as_js
     of a square, or pitch and diameters of the dots, or the sides of square and marker and the dictionary.
     """
     from cellctl.calibration.lens.boards import parse_board
-    from cellctl.lens_command import LensOrder, calibrate_folder
+    from cellctl.desk.lens import LensOrder, calibrate_folder
 
     try:
         described = parse_board(board)
@@ -110,7 +110,7 @@ def calibrate_hand_eye(files: tuple[Path, ...], mount: str, **options: Any) -> N
     rz_deg (a rotation vector; also _rad); roll_deg pitch_deg yaw_deg (about fixed x, then y, then z); r_deg (about z,
     a SCARA). Rows that begin with # are comments.
     """
-    from cellctl.hand_eye_command import HandEyeOrder, calibrate_poses
+    from cellctl.desk.hand_eye import HandEyeOrder, calibrate_poses
 
     if len(files) > (1 if options["plan"] else 2):
         raise click.UsageError("give one file with both poses, or one of the robot's and one of the camera's")
@@ -126,7 +126,7 @@ def calibrate_hand_eye(files: tuple[Path, ...], mount: str, **options: Any) -> N
 @with_json
 def calibrate_list(config: Path, as_json: bool) -> None:
     """List all versions of both cameras: in use, kept, waiting to be accepted, refused."""
-    from cellctl.shelf_report import list_versions
+    from cellctl.desk.shelf import list_versions
 
     end(list_versions(config, as_json=as_json))
 
@@ -138,7 +138,7 @@ def calibrate_list(config: Path, as_json: bool) -> None:
 @with_json
 def calibrate_show(camera: str, version: str | None, config: Path, as_json: bool) -> None:
     """Show one version (default: the one in use), and where it differs from the one in use."""
-    from cellctl.shelf_report import show_version
+    from cellctl.desk.shelf import show_version
 
     end(show_version(config, camera, version, as_json=as_json))  # type: ignore[arg-type]
 
@@ -172,7 +172,7 @@ def _use(config: Path, camera: str, what: str, version: str | None, *, as_json: 
 @with_json
 def calibrate_report(config: Path, as_json: bool) -> None:
     """Show the calibrations in use and how good they are."""
-    from cellctl.shelf_report import report
+    from cellctl.desk.shelf import report
 
     end(report(config, as_json=as_json))
 

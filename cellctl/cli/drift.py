@@ -17,7 +17,7 @@ def drift(last: int, anew: bool, config: Path, as_json: bool) -> None:
     if anew:
         ask(config, {"verb": "drift_anew"}, as_json=as_json)
         return
-    from cellctl.drift_report import show
+    from cellctl.desk.drift import show
     from cellctl.journal_file import FILE_NAME
 
     end(show(settings(config).paths.state / FILE_NAME, last, as_json=as_json))

@@ -95,7 +95,7 @@ def ask(config: Path, request: dict[str, object], *, as_json: bool) -> None:
     """Ask the daemon one thing and print its reply."""
     import asyncio
 
-    from cellctl.client import call, print_reply
+    from cellctl.desk.client import call, print_reply
 
     print_reply(asyncio.run(call(settings(config).paths.control_socket, request)), as_json=as_json)
 
@@ -104,7 +104,7 @@ def job(config: Path, request: dict[str, object], *, as_json: bool) -> None:
     """Start a job in the daemon, show its progress, end with its result."""
     import asyncio
 
-    from cellctl.client import event_printer, wait_for_job
+    from cellctl.desk.client import event_printer, wait_for_job
 
     path = settings(config).paths.control_socket
     end(asyncio.run(wait_for_job(path, request, event_printer(as_json))))

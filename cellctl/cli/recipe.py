@@ -31,7 +31,7 @@ def recipe() -> None:
 @with_json
 def recipe_check(files: tuple[Path, ...], as_json: bool) -> None:
     """Check recipe files: FILE:LINE:COLUMN: what is wrong."""
-    from cellctl.commands import check_recipes
+    from cellctl.desk.commands import check_recipes
 
     end(check_recipes(files, as_json=as_json))
 
@@ -41,7 +41,7 @@ def recipe_check(files: tuple[Path, ...], as_json: bool) -> None:
 @with_json
 def recipe_list(config: Path, as_json: bool) -> None:
     """List the recipes of the cell."""
-    from cellctl.commands import list_folder
+    from cellctl.desk.commands import list_folder
 
     list_folder(settings(config).paths.recipes, as_json=as_json)
 
@@ -80,6 +80,6 @@ def recipe_teach(**options: Any) -> None:
     Hole, edges and corner are found by themselves and measured as in production; the recipe is written with a comment
     at every value, and only when it finds the parts in all the pictures. Nothing that pictures cannot show is made up.
     """
-    from cellctl.recipe_teaching import order_of, teach_recipe
+    from cellctl.lessons.teaching import order_of, teach_recipe
 
     end(teach_recipe(order_of(**options)))

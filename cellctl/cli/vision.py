@@ -28,6 +28,6 @@ def vision_test(pictures: tuple[Path, ...], recipe: Path, camera: str, config: P
 
     The part is expected as the recipe says, about the middle of the picture. Ends with 1 when anything was refused.
     """
-    from cellctl.vision_command import CAMERAS, Order, try_pictures
+    from cellctl.desk.vision import CAMERAS, Order, try_pictures
 
     end(try_pictures(Order(pictures, recipe, config, CAMERAS[camera], **options)))

@@ -61,6 +61,9 @@ class Desk:
         if session in self._uploads:
             self._take(session, line)
             return
+        if dialect.options.dialogue == "line" and self._machine.dialogue.asks and is_answer(line):
+            self._machine.dialogue.answer(line.strip())
+            return
         command = dialect.command(line)
         if command is None:
             return
@@ -229,3 +232,8 @@ class Desk:
         for line in lines:
             self._machine.log.add("said", client=session.name, line=line)
         session.say(*lines)
+
+
+def is_answer(line: str) -> bool:
+    """Whether a line that comes while a program asks is meant for it: commands begin with @."""
+    return bool(line.strip()) and not line.lstrip().startswith("@")

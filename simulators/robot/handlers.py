@@ -146,7 +146,7 @@ class Handlers:
 
     def _set_variable(self, target: VariableTarget, wanted: Assignment, scope: Scope) -> None:
         indices = tuple(integer(index(scope)) for index in target.indices)
-        self._machine.variables.set(target.name, indices, wanted.value(scope))
+        scope.set_variable(target.name, indices, wanted.value(scope))
 
     def _switch_outputs(self, ports: tuple[Callable[[Scope], PortRef], ...], scope: Scope, *, on: bool) -> None:
         for port in ports:

@@ -5,6 +5,7 @@ from collections.abc import Callable
 from simulators.robot.alarms import Alarms
 from simulators.robot.codes import Code, Refusal
 from simulators.robot.dialect import AXES, Dialect
+from simulators.robot.dialogue import Dialogue
 from simulators.robot.frames import OFF, Frames
 from simulators.robot.jog import Jog
 from simulators.robot.language.values import PointData, PortRef, Value
@@ -41,6 +42,7 @@ class Machine:
         self.settings = Settings(self._setting_changed)
         self.tables = Tables(dialect.highest_point)
         self.variables = Variables()
+        self.dialogue = Dialogue(self.log)
         self.frames = Frames(self.tables)
         self.ports = Ports(wiring, self.dedicated, self._output_changed)
         self.mishaps = Mishaps(self)
@@ -195,6 +197,10 @@ class MachineScope:
         if self._strict and not self._machine.variables.knows(name):
             raise Refusal(Code.DATA)
         return self._machine.variables.get(name, indices)
+
+    def set_variable(self, name: str, indices: tuple[int, ...], value: Value) -> None:
+        """Raises Refusal."""
+        self._machine.variables.set(name, indices, value)
 
     def point(self, number: int) -> PointData:
         """Raises Refusal."""

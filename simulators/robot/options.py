@@ -45,7 +45,11 @@ class Options:
     lost_link_refusal: bool = False  # the first command after a lost link is refused with 14.400
     keep_alive_s: float = 15.0  # an RCX240's network unit: a dead link is noticed after so long; 0 = never
     silence_min: float = 10.0  # and a silent client is hung up on after so long; 0 = never
+    dialogue: Literal["pendant", "line"] = "pendant"  # where programs print, and who answers their INPUT
     # -- motion and outputs
+    ends_at: Literal["arrival", "tolerance", "outpos"] = "arrival"  # when a motion counts as done: END, or OK
+    brake_sag_mm: float = 0.0  # by which the third axis sinks until its brake holds it
+    free_z_mm_per_s: float = 50.0  # at which it sinks while its brake is released
     dead_man_s: float = 0.2
     outputs_on_emergency: Literal["hold", "clear"] = "hold"
 

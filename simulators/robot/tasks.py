@@ -7,14 +7,16 @@ from simulators.moves import Go
 from simulators.robot.codes import Code, Refusal
 from simulators.robot.flow import Flow
 from simulators.robot.handlers import MOTIONS, POWERS, Handlers
-from simulators.robot.language.assignments import Assignment, VariableTarget
-from simulators.robot.language.nodes import Block, Choice, Jump, Line, Statement, Wait
+from simulators.robot.language.assignments import Assignment, told
+from simulators.robot.language.commands import pieces
+from simulators.robot.language.nodes import Block, Call, Choice, Input, Jump, Line, Statement, Wait
 from simulators.robot.language.program import Program
-from simulators.robot.language.values import Value, integer
-from simulators.robot.machine import Machine, MachineScope
+from simulators.robot.language.values import integer
+from simulators.robot.machine import Machine
 from simulators.robot.motions import Given
 from simulators.robot.operation import Operation, Work
 from simulators.robot.refusals import Kind
+from simulators.robot.task_scope import TaskScope
 from simulators.scara import Joints
 
 STATEMENT_S = 0.0005
@@ -40,8 +42,8 @@ class Task:
         self.state = STOPS
         self.priority = 32
         self._machine, self._handlers, self._asks = machine, handlers, asks
-        self._scope = MachineScope(machine, strict=False)
-        self._flow = Flow(program, self._scope, self._set_variable)
+        self._scope = TaskScope(machine)
+        self._flow = Flow(program, self._scope)
         self._stopped_by: Code | None = None
         self._resumes_at: Joints | None = None
         self._operation: Operation | None = None
@@ -78,7 +80,7 @@ class Task:
             while self._stopped_by is None and (line := self._flow.line) is not None:
                 await asyncio.sleep(0)
                 await self._machine.clock.sleep(STATEMENT_S)
-                await self._step(line)
+                await self._step_or_trap(line)
             self._end()
         except Refusal as refusal:
             self._machine.report(refusal.code, self._flow.line_number or 1)
@@ -86,6 +88,13 @@ class Task:
             self._to_state(STOPS)
 
     # -- statement by statement --------------------------------------------------------------------------
+
+    async def _step_or_trap(self, line: Line) -> None:
+        try:
+            await self._step(line)
+        except Refusal as refusal:
+            if not self._flow.trapped(refusal):
+                raise
 
     async def _step(self, line: Line) -> None:
         if self._stopped_by is not None:
@@ -104,10 +113,14 @@ class Task:
             await self._command(line)
         elif isinstance(line, Jump):
             return self._flow.jump(line)
+        elif isinstance(line, Call):
+            return self._flow.call(line)
         elif isinstance(line, Choice):
             return await self._choose(line)
         elif isinstance(line, Wait):
             await self._wait(line)
+        elif isinstance(line, Input):
+            await self._input(line)
         elif isinstance(line, Block):
             return await self._block(line)
         return None
@@ -181,6 +194,20 @@ class Task:
                 return
             await self._pause(LOOK_AGAIN_S)
 
+    async def _input(self, line: Input) -> None:
+        dialogue = self._machine.dialogue
+        dialogue.ask(self.number, line.prompt(self._scope) if line.prompt is not None else None)
+        while (answer := dialogue.take(self.number)) is None:
+            if self._stopped_by is not None:
+                dialogue.forget(self.number)
+                return
+            await self._pause(LOOK_AGAIN_S)
+        values = pieces(answer)
+        if len(values) != len(line.targets):
+            raise Refusal(Code.INPUT_FORMAT)
+        for target, text in zip(line.targets, values, strict=True):
+            self._handlers.assign(told(target, text), self._scope)
+
     async def _block(self, line: Block) -> int | None:
         if line.word == "DELAY":
             await self._pause(integer(line.expressions[0](self._scope), 1, LONGEST_WAIT_MS) / 1000)
@@ -189,16 +216,13 @@ class Task:
             return self._flow.at + 1
         elif line.word == "PRINT":
             values = [each(self._scope) for each in line.expressions]
-            self._machine.log.add("print", task=self.number, values=values)
+            self._machine.dialogue.say(self.number, values)
         elif line.word == "DIM":
             sizes = tuple(integer(size(self._scope)) for size in line.expressions)
-            self._machine.variables.dimension(line.variable, sizes)
+            self._scope.home(line.variable).dimension(line.variable, sizes)
         return self._flow.block(line)
 
     # -- details -----------------------------------------------------------------------------------------
-
-    def _set_variable(self, name: str, value: Value) -> None:
-        self._handlers.assign(Assignment(VariableTarget(name, ()), lambda scope: value), self._scope)
 
     def _end(self) -> None:
         if self._stopped_by is None:

@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 
+from cellctl.assembly.map_error import MapError
 from cellctl.calibration.accuracy import Mark
 from cellctl.calibration.hand_eye import HandEye, solve_hand_eye
 from cellctl.calibration.linear import grid_fits, linear_start
@@ -27,7 +28,6 @@ from cellctl.calibration.six_dof.pairs import Pairs
 from cellctl.calibration.six_dof.peers import METHODS, opencv_camera
 from cellctl.calibration.six_dof.rigid import rigid, rotation_from_vector
 from cellctl.geometry import Mm, Pose, Px
-from cellctl.map_error import MapError
 from cellctl.mount import FLAGS, Stop
 from drivers.rcx import Point
 from drivers.reach import Limits

@@ -20,10 +20,10 @@ from typing import Any, NamedTuple
 import cv2
 import numpy as np
 
-from cellctl import seating
+from cellctl.assembly import seating
 from cellctl.calibration.plane_map import PlaneMap
-from cellctl.drift import Cause, Drift, Observation, after, restarted
 from cellctl.geometry import Pose
+from cellctl.monitoring.drift import Cause, Drift, Observation, after, restarted
 from cellctl.vision import Limits, NotFound, Search
 from cellctl.vision.gap import find_gap
 from tests.drift_units import RECIPE, DriftCell, Imperfect

@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 import cv2
 import numpy as np
 
-from cellctl.light import Trend, after, growth, warnings
+from cellctl.monitoring.light import Trend, after, growth, warnings
 from cellctl.vision import Appearance, NotFound
 from cellctl.vision.lesson import Pointed, first_base, first_battery
 from cellctl.vision.recognise import Undecided, away_px

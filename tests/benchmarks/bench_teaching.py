@@ -22,7 +22,7 @@ import structlog
 from cellctl.calibration.hysteresis import APPROACHES, USED, hysteresis
 from cellctl.calibration.tool_centre import solve_tool_centre
 from cellctl.geometry import Offset, Pose
-from cellctl.golden import difference
+from cellctl.procedures.golden import difference
 from simulators.supply import Delivery
 from tests.board_scenes import BOARD, NOISE, UP, moved_camera, see, stops, turned_plate, verified
 from tests.golden_scenes import deliveries, mark_errors_um, marks_of, taught_in

@@ -90,6 +90,26 @@ def assignment(text: str) -> Assignment | None:
     return Assignment(target, expression(rest))
 
 
+def whole_target(text: str) -> Target:
+    """A target that is all of this text; raises Refusal."""
+    reader = Reader(text)
+    target = _target(reader)
+    reader.end()
+    return target
+
+
+def told(target: Target, text: str) -> Assignment:
+    """The assignment of what somebody has typed: a text, a point, or a number. Raises Refusal DATA."""
+    if isinstance(target, VariableTarget) and target.name.endswith("$"):
+        words = text.strip('"')
+        return Assignment(target, lambda scope: words)
+    if isinstance(target, PointTarget):
+        return Assignment(target, point(text))
+    if not FIELD.fullmatch(text):
+        raise Refusal(Code.DATA)
+    return Assignment(target, expression(text))
+
+
 def _target_and_equals(reader: Reader) -> Target | None:
     if reader.token.kind != "name":
         return None

@@ -3,6 +3,7 @@
 from collections.abc import Callable
 
 from simulators.robot.codes import Code, Refusal
+from simulators.robot.language.assignments import whole_target
 from simulators.robot.language.commands import pieces
 from simulators.robot.language.expressions import expression, read_expression
 from simulators.robot.language.names import program_command
@@ -11,7 +12,9 @@ from simulators.robot.language.nodes import (
     WITHOUT_OPENING,
     Arguments,
     Block,
+    Call,
     Choice,
+    Input,
     Jump,
     Label,
     Line,
@@ -146,6 +149,8 @@ def _end(reader: Reader, words: Arguments) -> Line:
         return Block("ENDIF")
     if reader.accept("SELECT"):
         return Block("END SELECT")
+    if reader.accept("SUB"):
+        return Block("END SUB")
     reader.end()
     return Block("HALT")
 
@@ -155,6 +160,8 @@ def _exit(reader: Reader, words: Arguments) -> Line:
         return Block("EXIT FOR")
     if reader.accept("TASK"):
         return Block("EXIT TASK")
+    if reader.accept("SUB"):
+        return Block("EXIT SUB")
     raise Refusal(Code.SYNTAX)
 
 
@@ -216,6 +223,69 @@ def _print(reader: Reader, words: Arguments) -> Line:
     return Block("PRINT", tuple(expression(piece) for piece in pieces(reader.rest()) if piece))
 
 
+def _call(reader: Reader, words: Arguments) -> Line:
+    reader.expect("*")
+    name = reader.name()
+    return Call(name, tuple(expression(piece) for piece in _in_brackets(reader)))
+
+
+def _sub(reader: Reader, words: Arguments) -> Line:
+    reader.expect("*")
+    name = reader.name()
+    return Block("SUB", variable=name, names=tuple(_names(_in_brackets(reader))))
+
+
+def _in_brackets(reader: Reader) -> list[str]:
+    """What stands in brackets up to the end of the line; nothing when there are none."""
+    if reader.ended:
+        return []
+    reader.expect("(")
+    inside = reader.rest().rstrip()
+    if not inside.endswith(")"):
+        raise Refusal(Code.SYNTAX)
+    return pieces(inside[:-1])
+
+
+def _names(parts: list[str]) -> list[str]:
+    found = []
+    for part in parts:
+        reader = Reader(part.removesuffix("()"))
+        found.append(reader.name())
+        reader.end()
+    return found
+
+
+def _shared(reader: Reader, words: Arguments) -> Line:
+    return Block("SHARED", names=tuple(_names(pieces(reader.rest()))))
+
+
+def _on(reader: Reader, words: Arguments) -> Line:
+    reader.expect("ERROR")
+    reader.expect("GOTO")
+    if reader.accept("0"):
+        reader.end()
+        return Block("ON ERROR")
+    return Block("ON ERROR", variable=_label(reader))
+
+
+def _resume(reader: Reader, words: Arguments) -> Line:
+    if reader.ended:
+        return Block("RESUME")
+    if reader.accept("NEXT"):
+        reader.end()
+        return Block("RESUME NEXT")
+    return Block("RESUME", variable=_label(reader))
+
+
+def _input(reader: Reader, words: Arguments) -> Line:
+    prompt: Expression | None = None
+    if reader.token.kind == "text":
+        prompt = read_expression(reader)
+        if not reader.accept(","):
+            reader.expect(";")
+    return Input(prompt, tuple(whole_target(piece) for piece in pieces(reader.rest())))
+
+
 def _task(word: str) -> Callable[[Reader, Arguments], Line]:
     return lambda reader, words: Statement(word, program_command(reader.rest()))
 
@@ -244,6 +314,12 @@ CONTROLS: dict[str, Callable[[Reader, Arguments], Line]] = {
     "DELAY": _delay,
     "DIM": _dim,
     "PRINT": _print,
+    "INPUT": _input,
+    "CALL": _call,
+    "SUB": _sub,
+    "SHARED": _shared,
+    "ON": _on,
+    "RESUME": _resume,
     "START": _task("START"),
     "CUT": _task("CUT"),
     "REM": lambda reader, words: Block("REM"),

@@ -19,6 +19,7 @@ LOCATION = re.compile(r"LOC([1-6])", re.ASCII)
 SETTINGS = (
     *("ASPEED", "MSPEED", "SPEED", "ACCEL", "DECEL", "TOLE", "OUTPOS", "ARCH", "WEIGHT", "WEIGHTG", "ORGORD", "AXWGHT"),
     *("TORQUE", "ARMTYP", "ARMSEL", "ARMCND", "WHERE", "WHRXY", "TIMEOUT", "TCOUNTER", "IDIST", "CONTPLS"),
+    *("ERR", "ERL"),
 )
 DEEPEST = 40
 

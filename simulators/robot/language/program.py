@@ -11,6 +11,7 @@ from simulators.robot.language.nodes import (
     WITHOUT_OPENING,
     Arguments,
     Block,
+    Call,
     Choice,
     Jump,
     Label,
@@ -21,7 +22,7 @@ from simulators.robot.language.tokens import upper
 MOST_LINES = 9999
 MOST_CHARACTERS = 255  # in a line
 ALTERNATIVES = {"ELSEIF": "IF", "ELSE": "IF", "CASE": "SELECT", "CASE ELSE": "SELECT"}
-CLOSES = {"ENDIF": "IF", "WEND": "WHILE", "NEXT": "FOR", "END SELECT": "SELECT"}
+CLOSES = {"ENDIF": "IF", "WEND": "WHILE", "NEXT": "FOR", "END SELECT": "SELECT", "END SUB": "SUB"}
 
 
 @dataclass(frozen=True)
@@ -44,6 +45,7 @@ class Program:
     close: dict[int, int] = field(default_factory=dict)  # from a block's part to its end
     opens: dict[int, int] = field(default_factory=dict)  # from a block's end to its beginning
     loop: dict[int, int] = field(default_factory=dict)  # from EXIT FOR to its NEXT
+    subs: dict[str, int] = field(default_factory=dict)  # where each SUB begins
 
 
 def compiled(source: Source, words: Arguments) -> Program:
@@ -67,6 +69,10 @@ def _find_labels(program: Program) -> None:
             if line.name in program.labels:
                 raise Refusal(Code.DUPLICATE_LABEL, number)
             program.labels[line.name] = index
+        elif isinstance(line, Block) and line.word == "SUB":
+            if line.variable in program.subs:
+                raise Refusal(Code.DUPLICATE_LABEL, number)
+            program.subs[line.variable] = index
 
 
 def _match_blocks(program: Program) -> None:
@@ -123,10 +129,29 @@ def _exit_for(program: Program, index: int, loops: list[int], number: int) -> No
 
 def _check_jumps(program: Program, steps: Iterable[tuple[int, Line]]) -> None:
     for number, line in steps:
-        if isinstance(line, Jump) and line.label not in program.labels:
+        label = _label_of(line)
+        if label and label not in program.labels:
             raise Refusal(Code.UNDEFINED_LABEL, number)
+        if isinstance(line, Call):
+            _check_call(program, line, number)
         if isinstance(line, Choice):
             _check_jumps(program, ((number, inner) for inner in (*line.then, *line.otherwise)))
+
+
+def _label_of(line: Line) -> str:
+    """Where a statement may go to, "" when it names no label."""
+    if isinstance(line, Jump):
+        return line.label
+    return line.variable if isinstance(line, Block) and line.word in ("ON ERROR", "RESUME") else ""
+
+
+def _check_call(program: Program, line: Call, number: int) -> None:
+    begin = program.subs.get(line.name)
+    if begin is None:
+        raise Refusal(Code.UNDEFINED_IDENTIFIER, number)
+    sub = program.steps[begin][1]
+    if isinstance(sub, Block) and len(sub.names) != len(line.arguments):
+        raise Refusal(Code.COMMAND_LINE, number)
 
 
 def parse_source(name: str | None, written: list[str]) -> Source:

@@ -40,6 +40,9 @@ class Scope(Protocol):
     def variable(self, name: str, indices: tuple[int, ...]) -> Value:
         """A variable's value."""
 
+    def set_variable(self, name: str, indices: tuple[int, ...], value: Value) -> None:
+        """Give a variable a value."""
+
     def point(self, number: int) -> PointData:
         """A point of the table."""
 

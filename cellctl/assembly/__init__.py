@@ -1,0 +1,1 @@
+"""What the cycle is made of: looking, handling, locating, and how sure each placement is."""

@@ -1,0 +1,1 @@
+"""A recipe out of pictures of good parts."""

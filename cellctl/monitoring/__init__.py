@@ -1,0 +1,1 @@
+"""What is followed over many units: drift of the placements, focus and light of the pictures."""

@@ -1,0 +1,1 @@
+"""Pictures as files: read strictly, and written beside the work."""
