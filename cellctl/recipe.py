@@ -66,7 +66,13 @@ class Placement(Settings):
     second_look: Literal["never", "when_needed", "always"] = Field(
         default="never",
         description="Look again at the battery's opposite corner and at the second stretch of the base's edge: "
-        "when_needed does so when the predicted error is beyond limits.placement_mm otherwise",
+        "when_needed does so when the planned error is beyond aim_mm otherwise",
+    )
+    aim_mm: float | None = Field(
+        default=None,
+        gt=0,
+        le=1,
+        description="What 99 of 100 units should keep at every corner; without it limits.placement_mm",
     )
     base_form_um: float = Field(default=0.0, ge=0, le=20, description="Straightness of the base's edge, 1 sigma in um")
     battery_form_um: float = Field(
@@ -186,6 +192,11 @@ class Recipe(Settings):
         return hashlib.sha256(canonical.encode()).hexdigest()
 
     @property
+    def aim_mm(self) -> float:
+        """What the looks are planned for: 99 of 100 units keep it at every corner."""
+        return self.placement.aim_mm or self.limits.placement_mm
+
+    @property
     def seat_width_mm(self) -> float:
         """Nominal width of the seat: the battery and a gap on each side."""
         return self.battery.width_mm + 2 * self.limits.gap_mm
@@ -198,6 +209,8 @@ class Recipe(Settings):
     def contradictions(self) -> Iterator[Contradiction]:
         """Seat and features of the base do not overlap; what is accepted is also searched for."""
         yield from self._seat_covers_features()
+        if self.aim_mm > self.limits.placement_mm:
+            yield "placement.aim_mm", f"must not be above limits.placement_mm = {self.limits.placement_mm:g}"
         if self.gap.when != "never" and self.gap.limit_mm > self.limits.gap_mm:
             yield "gap.limit_mm", f"must not be above limits.gap_mm = {self.limits.gap_mm:g}: there is no more room"
         if self.gap.when == "never" and self.drift.correct_up_to_um > 0:

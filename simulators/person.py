@@ -58,7 +58,6 @@ class Person(VerbSocket):
                     "clearance_mm": v.fit.clearance_mm if v.fit else None,
                     "placement_error_mm": v.fit.worst_mm if v.fit else None,
                     "corner_errors_mm": list(v.fit.corner_errors_mm) if v.fit else None,
-                    "off_mm": v.fit.off_mm if v.fit else None,
                     "released_good": v.released_good,
                     "cycle_s": v.cycle_s,
                 }

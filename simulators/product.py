@@ -13,7 +13,6 @@ from simulators.parts import BaseDrawing, BatteryDrawing
 from simulators.place import Place
 from simulators.verdict import Rectangle
 
-CORNERS = ("lower_left", "lower_right", "upper_right", "upper_left")  # order of Rectangle.corners()
 GRIP_MARGIN_MM = 8.0  # the cup needs so much battery around its centre
 
 
@@ -23,7 +22,6 @@ class Product:
 
     base: BaseDrawing
     battery: BatteryDrawing
-    mark: int  # which corner of the battery is looked at: index of Rectangle.corners()
 
     @property
     def seat(self) -> Place:
@@ -66,5 +64,4 @@ def _product(recipe: dict[str, Any]) -> Product:
             edge_reach_mm=(float(base.get("second_edge_from_mm", 0.0)), float(base.get("second_edge_to_mm", 0.0))),
         ),
         battery=BatteryDrawing(width_mm=float(battery["width_mm"]), height_mm=float(battery["height_mm"])),
-        mark=CORNERS.index(battery["corner"]),
     )

@@ -315,7 +315,7 @@ class World:
     def _fit(self) -> Fit | None:
         if self.base is None or self.seated is None:
             return None
-        return fit(self.base.seat, self.seated.size, self.product.outline, self.product.mark, self.seated.place)
+        return fit(self.base.seat, self.seated.size, self.seated.place)
 
     def _attach_or_let_go(self) -> None:
         now_s = self.clock.now()

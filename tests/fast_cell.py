@@ -220,9 +220,9 @@ class FastCell:
         by_base, by_battery = located.by(looks[0]), in_tool.by(looks[1])
         at = place_pose(by_base.pose, self.taught.base_from_battery, by_battery.pose)
         in_seat = (base.place @ self.product.seat).back() @ self.stop(at) @ held.place
-        lies = fit(base.seat, held.size, self.product.outline, self.product.mark, in_seat)
+        lies = fit(base.seat, held.size, in_seat)
         worst = WorstCorner(budget.errors(by_base, by_battery), budget.corners)
-        return Placed(prediction, lies, worst.within(lies.off_mm), (looks[0], looks[1]))
+        return Placed(prediction, lies, worst.within(lies.worst_mm), (looks[0], looks[1]))
 
     # -- looking -----------------------------------------------------------------------------------------------
 

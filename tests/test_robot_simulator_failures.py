@@ -566,7 +566,7 @@ async def test_a_sensor_and_an_actuator_can_be_wired_to_the_controllers_inputs_a
 
 
 async def test_in_the_cell_the_robots_own_valve_and_switch_hold_a_battery_whatever_the_plcs_valve_does():
-    world = World(7, Product(BaseDrawing(), BatteryDrawing(), mark=0), speed=50)
+    world = World(7, Product(BaseDrawing(), BatteryDrawing()), speed=50)
     world.robot_enable = True
     world.lay_reference_battery()
     table, z_mm = world.layout.table, world.layout.heights.table_mm

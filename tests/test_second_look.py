@@ -36,7 +36,7 @@ async def test_batteries_of_any_allowed_size_are_placed_in_the_middle_by_both_co
         records = await bench.produce(5)
         assert [record["verdict"] for record in records] == ["placed"] * 5
         fits = [verdict.fit for verdict in bench.world.verdicts]
-        assert all(fit is not None and fit.good and fit.off_mm < 0.030 for fit in fits)
+        assert all(fit is not None and fit.good and fit.worst_mm < 0.030 for fit in fits)
         for record in records:
             assert sorted(looks(record)) == BOTH
             assert set(record["data"]["looked_again_ms"]) == {"camera-1", "camera-2"}
@@ -68,7 +68,7 @@ async def test_an_unexpectedly_uncertain_battery_is_looked_at_again_before_it_is
         for record in records:
             assert record["verdict"] == "placed"
             assert looks(record) == ["camera-1", "camera-2", "camera-2-again"]
-        assert all(verdict.fit is not None and verdict.fit.off_mm < 0.030 for verdict in bench.world.verdicts)
+        assert all(verdict.fit is not None and verdict.fit.worst_mm < 0.030 for verdict in bench.world.verdicts)
 
 
 async def test_without_a_second_look_a_battery_that_is_too_uncertain_is_rejected(learnt: Path, tmp_path: Path) -> None:

@@ -48,12 +48,12 @@ def test_light_and_focus_wear_by_themselves_and_a_lamp_never_goes_below_darkness
     ],
 )
 def test_what_cannot_be_is_refused(fault: str, params: dict[str, float]) -> None:
-    world = World(1, Product(BaseDrawing(), BatteryDrawing(), mark=0))
+    world = World(1, Product(BaseDrawing(), BatteryDrawing()))
     with pytest.raises(ValueError, match=r"camera fault|a defocus is|a lamp gives"):
         world.inject("camera_2", fault, **params)
 
 
 def test_an_unknown_camera_fault_names_those_that_there_are() -> None:
-    world = World(1, Product(BaseDrawing(), BatteryDrawing(), mark=0))
+    world = World(1, Product(BaseDrawing(), BatteryDrawing()))
     with pytest.raises(ValueError, match=r"camera_1 defocus.*camera_2 dim"):
         world.inject("camera_3", "defocus")

@@ -134,8 +134,11 @@ class Budget:
         policy, has_edge = self.recipe.placement.second_look, self.taught.second_edge is not None
         if policy == "never":
             return Needs(False, False)
-        base = has_edge and (policy == "always" or not self.planned(Needs(False, True)).good)
-        return Needs(base, policy == "always" or not self.planned(Needs(base, False)).good)
+        base = has_edge and (policy == "always" or self._misses_aim(Needs(False, True)))
+        return Needs(base, policy == "always" or self._misses_aim(Needs(base, False)))
+
+    def _misses_aim(self, looks: Needs) -> bool:
+        return self.planned(looks).p99_mm > self.recipe.aim_mm
 
     @property
     def may_look_again(self) -> bool:

@@ -117,12 +117,10 @@ class Stage:
     async def running(self) -> AsyncIterator[None]:
         """Both processes, from nothing to ready and back to nothing."""
         self._prepare()
-        async with self._process("simulated cell", "simulators", *self._simulator_options()):
-            await self._until(self._person_socket, "the simulated cell")
+        async with self._process("simulated cell", self._person_socket, "simulators", *self._simulator_options()):
             self._person = await asyncio.open_unix_connection(self._person_socket, limit=1 << 24)
             daemon = ("run", "--config", str(self.config), "--state", str(self.state))
-            async with self._process("daemon", "cellctl", *daemon):
-                await self._until(self._control_socket, "the daemon")
+            async with self._process("daemon", self._control_socket, "cellctl", *daemon):
                 yield
             self._person[1].close()
 
@@ -296,8 +294,8 @@ class Stage:
         ]
 
     @contextlib.asynccontextmanager
-    async def _process(self, name: str, module: str, *arguments: str) -> AsyncIterator[None]:
-        """One process, its output in a file; it is ended by SIGTERM and must end well."""
+    async def _process(self, name: str, socket: Path, module: str, *arguments: str) -> AsyncIterator[None]:
+        """One process that listens, its output in a file; it is ended by SIGTERM and must end well."""
         output = self.config.parent / f"{module}.out"
         with output.open("wb") as file:
             process = await asyncio.create_subprocess_exec(
@@ -307,25 +305,26 @@ class Stage:
                 stderr=asyncio.subprocess.STDOUT,
             )
             try:
+                await self._listening(process, name, socket)
                 yield
             finally:
                 if process.returncode is None:
                     process.terminate()
                 code = await asyncio.wait_for(process.wait(), STOP_WITHIN_S)
-        if code:
-            raise DemoFailed(f"the {name} ended with {code}: {_last_lines(output)}")
+                if code:
+                    raise DemoFailed(f"the {name} ended with {code}: {_last_lines(output)}")
 
     @staticmethod
-    async def _until(socket: Path, what: str) -> None:
-        """Wait until somebody listens."""
+    async def _listening(process: asyncio.subprocess.Process, name: str, socket: Path) -> None:
+        """Wait until the process listens there."""
         until_s = time.monotonic() + START_WITHIN_S
-        while time.monotonic() < until_s:
+        while time.monotonic() < until_s and process.returncode is None:
             with contextlib.suppress(OSError):
                 _, writer = await asyncio.open_unix_connection(socket)
                 writer.close()
                 return
             await asyncio.sleep(0.05)
-        raise DemoFailed(f"{what} does not listen on {socket} after {START_WITHIN_S:g} s")
+        raise DemoFailed(f"the {name} does not listen on {socket} after {START_WITHIN_S:g} s")
 
 
 def _last_lines(path: Path, count: int = 3) -> str:

@@ -17,8 +17,7 @@ class Row(NamedTuple):
     found_base: list[float] | None
     found_battery: list[float] | None
     predicted_mm: float | None  # p99
-    placement_error_mm: float | None  # of what can be seen of the battery: its corner and the edges there
-    off_mm: float | None  # of the true corners, against this very battery in the middle of its seat
+    placement_error_mm: float | None  # of the worst corner, against this very battery in the middle of its seat
     clearance_mm: float | None
     good: bool
     cycle_s: float  # world seconds, carrier to carrier
@@ -34,7 +33,6 @@ class Row(NamedTuple):
             found_battery=data["battery"],
             predicted_mm=data["predicted_mm"],
             placement_error_mm=verdict["placement_error_mm"],
-            off_mm=verdict["off_mm"],
             clearance_mm=verdict["clearance_mm"],
             good=verdict["good"],
             cycle_s=verdict["cycle_s"],
@@ -61,11 +59,6 @@ class Run:
         return [row.placement_error_mm for row in self.rows if row.placement_error_mm is not None]
 
     @property
-    def off_mm(self) -> list[float]:
-        """How far the worst true corner of each placed battery is off: what the prediction is about."""
-        return [row.off_mm for row in self.rows if row.off_mm is not None]
-
-    @property
     def predicted_mm(self) -> list[float]:
         """Predicted p99 of each unit."""
         return [row.predicted_mm for row in self.rows if row.predicted_mm is not None]
@@ -77,7 +70,6 @@ class Run:
             "good": self.good,
             "interrupted": self.interrupted,
             "placement_error_mm": quantiles(self.errors_mm) | {"max": max(self.errors_mm, default=None)},
-            "off_mm": quantiles(self.off_mm) | {"max": max(self.off_mm, default=None)},
             "predicted_p99_mm": quantiles(self.predicted_mm)["p50"],
         }
 
@@ -130,7 +122,7 @@ def row_line(run: Run, row: Row) -> str:
     verdict = "good" if row.good else ("does not fit" if row.placement_error_mm is not None else row.verdict)
     return (
         f"{_place(number, run.units, row.unit)}{_offset(row.found_battery)}   {_offset(row.found_base)}   "
-        f"{_um(row.predicted_mm)}   {_um(row.off_mm)}   {row.cycle_s:6.2f}  {verdict}"
+        f"{_um(row.predicted_mm)}   {_um(row.placement_error_mm)}   {row.cycle_s:6.2f}  {verdict}"
     )
 
 
@@ -139,20 +131,15 @@ def summary_text(summary: Summary) -> str:
     lines = [
         "",
         "Table 1: batteries that lie in their seats",
-        f"{'':16}{'paper':>12}{'here':>16}{'error um p50/p99/max':>26}",
+        f"{'':16}{'paper':>12}{'here':>16}{'error um p50/p99/max':>26}{'predicted p99':>16}",
     ]
     for run in (summary.both, summary.single):
         errors = quantiles(run.errors_mm)
-        worst = max(run.errors_mm, default=None)
+        worst, predicted = max(run.errors_mm, default=None), quantiles(run.predicted_mm)["p50"]
         lines.append(
             f"{run.title:<16}{PAPER_GOOD[run.title]:>8} / 100{run.good:>10} / {len(run.rows)}"
-            f"{_um(errors['p50']):>12} /{_um(errors['p99'])} /{_um(worst)}"
+            f"{_um(errors['p50']):>12} /{_um(errors['p99'])} /{_um(worst)}{_um(predicted):>13}"
         )
-    both, off = summary.both, quantiles(summary.both.off_mm)
-    lines.append(
-        f"true corners of both cameras' batteries, um p50/p99/max: {_um(off['p50'])} /{_um(off['p99'])} /"
-        f"{_um(max(both.off_mm, default=None))}, predicted p99 {_um(quantiles(both.predicted_mm)['p50'])}"
-    )
     cycle = quantiles([row.cycle_s for row in summary.both.rows])
     lines.append(
         f"cycle {cycle['p50']} s (median, world time at speed {summary.speed:g}), all in {summary.wall_s:.1f} s"

@@ -164,7 +164,7 @@ def one_cell(seed: int, population: Population, units: int) -> Batch:
                 Sample(
                     predicted.p99_mm,
                     predicted.expected_mm,
-                    lies.off_mm,
+                    lies.worst_mm,
                     unit.probability,
                     lies.clearance_mm,
                     unit.looks,
