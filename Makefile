@@ -6,7 +6,7 @@ STAMP := $(VENV)/.installed
 PACKAGES := libaravis-0.8-0
 COMPILE := --quiet --universal --python-version 3.11 --generate-hashes --no-annotate --no-header
 
-.PHONY: help demo test lint format lock clean bench-budget bench-recipe bench-calibration bench-teaching bench-vision bench-geometry-signs fuzz-robot
+.PHONY: help demo test lint format lock clean bench-budget bench-recipe bench-calibration bench-teaching bench-vision bench-geometry-signs fuzz-robot fuzz-modbus node-peer
 
 help:
 	@echo "make demo          the whole cell on simulators, live in this terminal (options: DEMO='--speed 1 --units 20')"
@@ -18,6 +18,8 @@ help:
 	@echo "make bench-teaching  golden assembly, verification, hysteresis and run-out against the simulated truth"
 	@echo "make bench-geometry-signs  a sign error planted in every term of geometry.py: the whole-cell tests notice each"
 	@echo "make fuzz-robot    a million broken inputs at both simulated robot controllers"
+	@echo "make fuzz-modbus   a million broken frames at the Modbus parser of each side"
+	@echo "make node-peer     one more foreign Modbus client and server for the tests (needs npm)"
 	@echo "make format        format the code"
 	@echo "make lock          renew deploy/requirements.lock and tests/requirements.lock from pyproject.toml"
 	@echo "make clean         remove the virtual environment and everything built"
@@ -60,6 +62,17 @@ $(PEERS)/.installed: tests/benchmarks/vision/requirements.txt
 
 fuzz-robot: $(STAMP)
 	$(VENV)/bin/python -m tests.benchmarks.fuzz_robot
+
+fuzz-modbus: $(STAMP)
+	$(VENV)/bin/python -m tests.benchmarks.fuzz_modbus
+
+node-peer: build/node/.installed
+
+build/node/.installed: tests/peers/node/package-lock.json
+	@mkdir -p build/node
+	@cp tests/peers/node/package.json tests/peers/node/package-lock.json build/node/
+	npm ci --prefix build/node --ignore-scripts --no-audit --no-fund
+	@touch $@
 
 format: $(STAMP)
 	$(VENV)/bin/ruff check --fix-only .

@@ -14,6 +14,7 @@ from cellctl.cli.calibrate import calibrate
 from cellctl.cli.drift import drift
 from cellctl.cli.options import FILE, ask, end, option, settings, with_config, with_json
 from cellctl.cli.recipe import recipe
+from cellctl.cli.robot import robot
 from cellctl.cli.teach import teach
 from cellctl.cli.vision import vision
 
@@ -163,6 +164,7 @@ cli.add_command(calibrate)
 cli.add_command(teach)
 cli.add_command(drift)
 cli.add_command(vision)
+cli.add_command(robot)
 
 
 # -- looking back ------------------------------------------------------------------------------------------

@@ -3,55 +3,30 @@
 Robot frame: X and Y in mm, Z in mm positive down, angles in degrees counter-clockwise seen from above.
 """
 
-import ipaddress
 import math
-import os
-import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import AfterValidator, BeforeValidator, Field, ValidationInfo
+from pydantic import AfterValidator, Field
 
+from cellctl.config_arm import ArmSpeeds
+from cellctl.config_camera import CameraConfig, RobotCameraConfig
+from cellctl.config_plc import PlcConfig
+from cellctl.config_values import FilePath, Serial, ipv4
 from cellctl.geometry import Mm
 from cellctl.keep_out import Area
-from cellctl.mount import Elbow, Mount, OutOfReach, Part
+from cellctl.mount import Elbow, Mount, OutOfReach
 from cellctl.strict_toml import Contradiction, Settings, load
-from drivers.link import TcpAddress, parse_address
+from drivers.link_address import TcpAddress, parse_address
 
 LONGEST_SOCKET_PATH = 107
-
-
-def _ipv4(text: str) -> str:
-    try:
-        address = ipaddress.IPv4Address(text)
-    except ValueError:
-        raise ValueError("must be an IPv4 address such as 192.168.10.10; names are not looked up") from None
-    if address.is_unspecified or address.is_multicast or address.is_reserved:
-        raise ValueError("must be the IPv4 address of one device")
-    return text
 
 
 def _link(text: str) -> str:
     address = parse_address(text)
     if isinstance(address, TcpAddress):
-        _ipv4(address.host)
-    return text
-
-
-def _below_the_file(text: object, info: ValidationInfo) -> object:
-    """Relative paths count from the folder of the file that names them."""
-    if not isinstance(text, str):
-        return text
-    if not text or "\0" in text:
-        raise ValueError("must be a path")
-    folder = (info.context or {}).get("folder")
-    return Path(os.path.normpath(Path(folder, text))) if folder else Path(text)
-
-
-def _serial(text: str) -> str:
-    if not re.fullmatch(r"[A-Za-z0-9._-]{1,16}", text):
-        raise ValueError("must be the serial number on the label: up to 16 of A-Z a-z 0-9 . _ -")
+        ipv4(address.host)
     return text
 
 
@@ -61,9 +36,6 @@ def _fits_a_socket(path: Path) -> Path:
     return path
 
 
-Ipv4 = Annotated[str, AfterValidator(_ipv4)]
-FilePath = Annotated[Path, BeforeValidator(_below_the_file)]
-Serial = Annotated[str, AfterValidator(_serial)]
 PlaneMm = Annotated[float, Field(ge=-1500, le=1500)]
 HeightMm = Annotated[float, Field(ge=0, le=400)]
 TurnDeg = Annotated[float, Field(ge=-180, le=180)]
@@ -76,17 +48,6 @@ class Paths(Settings):
     state: FilePath = Field(description="Folder of the journal, the unit records and the calibration")
     control_socket: Annotated[FilePath, AfterValidator(_fits_a_socket)] = Field(description="Socket of the commands")
     log: FilePath = Field(description="Folder of the log files")
-
-
-class PlcConfig(Settings):
-    """The PLC, a Modbus TCP server."""
-
-    host: Ipv4 = Field(description="IPv4 address of the PLC")
-    port: int = Field(ge=1, le=65535, description="TCP port of the PLC, usually 502")
-    unit_id: int = Field(ge=0, le=255, description="Modbus unit number")
-    scan_period_ms: float = Field(ge=1, le=100, description="One exchange per so many milliseconds, 10 to 20 on a line")
-    stale_after_ms: float = Field(ge=50, le=2000, description="An older picture of the PLC's inputs aborts the cell")
-    exchange: Literal["fc23", "fc3+fc16"] = Field(description="fc3+fc16 for a PLC that lacks function code 23")
 
 
 class KeepOut(Settings):
@@ -115,6 +76,12 @@ class RobotConfig(Settings):
     """The robot and what it can reach."""
 
     address: Annotated[str, AfterValidator(_link)] = Field(description="tcp://IPV4:PORT or serial:/dev/NAME")
+    dialect: Literal["rcx3", "rcx2"] = Field(
+        default="rcx3", description="Generation of the controller: rcx3 (RCX340, RCX320) or rcx2 (RCX240, 14x, 22x)"
+    )
+    payload_kg: float | None = Field(
+        default=None, ge=0, le=20, description="What the arm carries, told to the controller; as it is set without"
+    )
     serial: Serial = Field(description="Serial number of the robot, as on its label; another arm is calibrated anew")
     hand: Literal["righty", "lefty"] = Field(description="Hand system that the cell works in")
     arm_1_mm: float = Field(ge=50, le=1000, description="Length of the first arm in mm")
@@ -128,6 +95,7 @@ class RobotConfig(Settings):
     repeatability_mm: float = Field(gt=0, le=1, description="Repeatability in X and Y, 3 sigma, in mm")
     repeatability_deg: float = Field(gt=0, le=1, description="Repeatability in R, 3 sigma, in degrees")
     keep_out: list[KeepOut] = Field(default_factory=list, description="Areas where the robot must not calibrate")
+    speeds: ArmSpeeds = Field(default=ArmSpeeds(), description="How quick the arm is, for predicting times")
 
     def contradictions(self) -> Iterator[Contradiction]:
         """Limits are in order, and the reach is one that these arms can have."""
@@ -142,26 +110,6 @@ class RobotConfig(Settings):
     def reaches(self, x_mm: float, y_mm: float) -> bool:
         """Whether the tool can stand at X, Y."""
         return self.reach_inner_mm <= math.hypot(x_mm, y_mm) <= self.reach_outer_mm
-
-
-class CameraConfig(Settings):
-    """One camera with its lens."""
-
-    driver: Literal["gige"] = Field(description="How the camera is spoken to")
-    address: Ipv4 = Field(description="IPv4 address of the camera")
-    serial: Serial = Field(description="Serial number, as on the camera's label")
-    mm_per_px: float = Field(ge=0.0005, le=0.2, description="Nominal size of a pixel on the part in mm")
-    view_width_px: int = Field(ge=64, le=20000, description="Width of the picture in px")
-    view_height_px: int = Field(ge=64, le=20000, description="Height of the picture in px")
-    lens: Literal["telecentric", "pinhole"] = Field(
-        default="telecentric", description="Model of the lens: telecentric, or pinhole for an ordinary one"
-    )
-
-
-class RobotCameraConfig(CameraConfig):
-    """Camera 1, which travels with the robot."""
-
-    mount: Part = Field(description="What carries camera 1: the tool (turns with R) or the second arm, arm_2")
 
 
 class PointXy(Settings):
@@ -283,9 +231,10 @@ class CellConfig(Settings):
 
     @property
     def addresses(self) -> list[str]:
-        """The IPv4 addresses that the cell talks to; a robot on a serial port has none."""
+        """The IPv4 addresses that the cell talks to; what is on a serial port, or no network camera, has none."""
         robot = parse_address(self.robot.address)
-        hosts = [self.plc.host, self.camera_1.address, self.camera_2.address]
+        cameras = [camera.address for camera in (self.camera_1, self.camera_2) if camera.driver == "gige"]
+        hosts = [self.plc.host, *cameras]
         return hosts + ([robot.host] if isinstance(robot, TcpAddress) else [])
 
     def contradictions(self) -> Iterator[Contradiction]:

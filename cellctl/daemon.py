@@ -13,9 +13,12 @@ from pathlib import Path
 import cv2
 
 from cellctl import service
+from cellctl.arm import build_robot
 from cellctl.assembly.hand import Devices
+from cellctl.cameras import build_camera
 from cellctl.cell import Cell
-from cellctl.config import CameraConfig, CellConfig, load_config
+from cellctl.config import CellConfig, load_config
+from cellctl.control.buttons import watch_buttons
 from cellctl.control.server import ControlServer
 from cellctl.control.session import Session
 from cellctl.journal import Journal
@@ -23,18 +26,14 @@ from cellctl.journal_file import FILE_NAME as JOURNAL_NAME
 from cellctl.lines import FILE_NAME as LOG_NAME
 from cellctl.log import configure, log
 from cellctl.pictures.writer import Pictures
-from drivers.gige import GigeCamera
 from drivers.plc import Plc
-from drivers.rcx import LEFTY, RIGHTY
-from drivers.reach import Limits
-from drivers.robot import Robot
 
 SWITCH_S = 0.0005  # a vision thread gives the interpreter back to the loop within this time (Python: 5 ms)
 
 
 def build_devices(config: CellConfig) -> Devices:
     """The drivers of this cell; nothing is connected yet."""
-    plc, robot = config.plc, config.robot
+    plc = config.plc
     return Devices(
         plc=Plc(
             plc.host,
@@ -43,23 +42,11 @@ def build_devices(config: CellConfig) -> Devices:
             scan_period_s=plc.scan_period_ms / 1000,
             stale_after_s=plc.stale_after_ms / 1000,
             exchange=plc.exchange,
+            layout=plc.address.layout,
         ),
-        robot=Robot(
-            robot.address,
-            limits=Limits(
-                arm_1_mm=robot.arm_1_mm,
-                arm_2_mm=robot.arm_2_mm,
-                inner_reach_mm=robot.reach_inner_mm,
-                outer_reach_mm=robot.reach_outer_mm,
-                z_min_mm=robot.z_min_mm,
-                z_max_mm=robot.z_max_mm,
-                r_min_deg=robot.r_min_deg,
-                r_max_deg=robot.r_max_deg,
-            ),
-            hand=RIGHTY if robot.hand == "righty" else LEFTY,
-        ),
-        camera_1=_camera("camera 1", config.camera_1),
-        camera_2=_camera("camera 2", config.camera_2),
+        robot=build_robot(config.robot),
+        camera_1=build_camera("camera 1", config.camera_1),
+        camera_2=build_camera("camera 2", config.camera_2),
     )
 
 
@@ -115,6 +102,7 @@ async def _serve(config: CellConfig, journal: Journal) -> None:
             tasks += [
                 group.create_task(cell.run(), name="cell"),
                 group.create_task(control.run(), name="control"),
+                group.create_task(watch_buttons(cell, session.command), name="buttons"),
                 group.create_task(_mark(progress, "plc scan", lambda: devices.plc.scans)),
                 group.create_task(_mark(progress, "cell", lambda: cell.turns)),
                 group.create_task(service.feed_watchdog(progress, config.watchdog.progress_within_s)),
@@ -131,10 +119,6 @@ async def _serve(config: CellConfig, journal: Journal) -> None:
         pictures.close()
         await _close(devices)
     log.info("stopped; the arm stands")
-
-
-def _camera(name: str, camera: CameraConfig) -> GigeCamera:
-    return GigeCamera(name, camera.address, camera.serial, width=camera.view_width_px, height=camera.view_height_px)
 
 
 async def _start(cell: Cell, session: Session, journal: Journal) -> None:

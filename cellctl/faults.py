@@ -10,6 +10,7 @@ from typing import NamedTuple
 from drivers.errors import (
     Collision,
     DeviceError,
+    Disturbed,
     FrameLost,
     Garbled,
     LinkLost,
@@ -122,6 +123,11 @@ FAULTS: dict[type[Exception], Fault] = {
         "D8",
         Reaction.ABORT,
         "Look what the arm hit, then Clear and Reset, and verify the cameras: `cellctl calibrate verify camera-1`.",
+    ),
+    Disturbed: Fault(
+        "D9",
+        Reaction.ABORT,
+        "Find out who moved the arm: pendant, a robot program, another computer. Then Clear and Reset.",
     ),
     Mismatch: Fault(
         "D5", Reaction.ABORT, "The configuration and the device do not belong together: correct the one that is wrong."

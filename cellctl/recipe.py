@@ -126,6 +126,13 @@ class Motion(Settings):
 
     travel_speed_pct: Speed = Field(description="Speed of free travel in percent of the robot's maximum")
     touch_speed_pct: Speed = Field(description="Speed of the last stretch onto table and seat in percent")
+    touch_mm: float | None = Field(
+        default=None,
+        ge=2,
+        le=100,
+        description="Length of that last stretch, more than the seat is deep; above it the arm goes down at travel "
+        "speed. Without it the whole way down is slow",
+    )
     settle_s: float = Field(ge=0, le=2, description="Standing still before each picture and before placing, s")
     approach_mm: float = Field(ge=0, le=10, description="The measuring stops are approached over this last distance")
     approach_deg: float = Field(

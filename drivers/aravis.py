@@ -1,23 +1,17 @@
-"""A thin typed binding to libaravis-0.8: what a GigE Vision driver needs of it, no more.
+"""A camera and its picture stream through libaravis-0.8: what a GigE Vision driver needs of them, no more.
 
-Every call blocks (a control call up to 2.5 s: 5 tries of 500 ms), releases the interpreter lock, and may raise
-AravisError.
-The library is loaded at the first use, so that a cell without such cameras does without it.
+Every call blocks and may raise AravisError; see `drivers.aravis_library`.
 """
 
 import ctypes
-from collections.abc import Callable
-from ctypes import POINTER, byref, c_char_p, c_double, c_int, c_size_t, c_uint, c_uint32, c_uint64, c_void_p
-from functools import cache
-from typing import Any, NamedTuple
+from ctypes import byref, c_size_t, c_uint
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-PACKAGE = "libaravis-0.8-0"
-SONAME = "libaravis-0.8.so.0"
-MONO8 = 0x01080001
-DOMAIN = "arv-device-error-quark"
+from drivers.aravis_library import NOT_FOUND, AravisError, Library, library
+
 STATUS = {
     0: "success",
     1: "cleared",
@@ -28,36 +22,17 @@ STATUS = {
     6: "filling",
     7: "aborted",
 }
-NOT_CONNECTED, TIMEOUT, NOT_FOUND, NOT_CONTROLLER, ACCESS_DENIED = 2, 5, 6, 10, 17
 ALWAYS_ADJUST_PACKET_SIZE = 4
 PACKET_SOCKET_DISABLED = 1
 SOCKET_BUFFER_FIXED, SOCKET_BUFFER_AUTO = 0, 1
 TIMESTAMP_CONTROL, TIMESTAMP_VALUE, LATCH = 0x0944, 0x0948, 0x2  # of the GigE Vision standard
 
 Memory = NDArray[np.uint8]
-
-
-class AravisError(Exception):
-    """Aravis could not do it. `code` is its ArvDeviceError code, -1 for errors of other kinds."""
-
-    def __init__(self, code: int, message: str) -> None:
-        super().__init__(message)
-        self.code = code
-
-
-class LibraryMissing(Exception):
-    """The shared library is not installed."""
-
-
-class _GError(ctypes.Structure):
-    _fields_ = (("domain", c_uint32), ("code", c_int), ("message", c_char_p))
-
-
-_Error = POINTER(_GError)
+Value = int | bool | str
 
 
 class Arrived(NamedTuple):
-    """A buffer that the library has done with. Width and height are 0 when the status is not "success"."""
+    """A buffer that the library has done with. Width, height and format are 0 when the status is not "success"."""
 
     memory: Memory
     received_bytes: int
@@ -69,115 +44,11 @@ class Arrived(NamedTuple):
     device_ns: int
 
 
-class _Library:
-    """The functions, with their types."""
-
-    def __init__(self) -> None:
-        try:
-            self._arv = ctypes.CDLL(SONAME)
-            self._gobject = ctypes.CDLL("libgobject-2.0.so.0")
-            self._glib = ctypes.CDLL("libglib-2.0.so.0")
-        except OSError as error:
-            raise LibraryMissing(f"{error}; install the Debian package {PACKAGE}") from error
-        self._declare_gobject()
-        self._declare_camera()
-        self._declare_device()
-        self._declare_stream()
-
-    def _declare_camera(self) -> None:
-        p, s, i, u = c_void_p, c_char_p, c_int, c_uint
-        self.camera_new = self._checked("camera_new", p, s)
-        self.serial = self._checked("camera_get_device_serial_number", c_char_p, p)
-        self.camera_number = self._checked("camera_get_integer", ctypes.c_int64, p, s)
-        self.set_region = self._checked("camera_set_region", None, p, i, i, i, i)
-        self.set_pixel_format = self._checked("camera_set_pixel_format", None, p, c_uint32)
-        self.set_trigger = self._checked("camera_set_trigger", None, p, s)
-        self.set_exposure = self._checked("camera_set_exposure_time", None, p, c_double)
-        self.exposure = self._checked("camera_get_exposure_time", c_double, p)
-        self.set_gain = self._checked("camera_set_gain", None, p, c_double)
-        self.gain = self._checked("camera_get_gain", c_double, p)
-        self.payload = self._checked("camera_get_payload", u, p)
-        self.trigger = self._checked("camera_software_trigger", None, p)
-        self.start = self._checked("camera_start_acquisition", None, p)
-        self.stop = self._checked("camera_stop_acquisition", None, p)
-        self.packet_size = self._checked("camera_gv_get_packet_size", u, p)
-        self.create_stream = self._checked("camera_create_stream", p, p, p, p)
-        self.adjust_packet_size = self._plain("camera_gv_set_packet_size_adjustment", None, p, i)
-        self.stream_options = self._plain("camera_gv_set_stream_options", None, p, i)
-        self.device = self._plain("camera_get_device", p, p)
-
-    def _declare_device(self) -> None:
-        p, i = c_void_p, c_int
-        self.is_controller = self._plain("gv_device_is_controller", i, p)
-        self.take_control = self._checked("gv_device_take_control", i, p)
-        self.tick_rate = self._checked("gv_device_get_timestamp_tick_frequency", c_uint64, p)
-        self.write_register = self._checked("device_write_register", i, p, c_uint64, c_uint32)
-        self.read_memory = self._checked("device_read_memory", i, p, c_uint64, c_uint32, p)
-
-    def _declare_stream(self) -> None:
-        p, s, i = c_void_p, c_char_p, c_int
-        self.push = self._plain("stream_push_buffer", None, p, p)
-        self.pop = self._plain("stream_timeout_pop_buffer", p, p, c_uint64)
-        self.info = self._plain("stream_get_info_uint64_by_name", c_uint64, p, s)
-        self.buffer_new = self._plain("buffer_new", p, c_size_t, p)
-        self.buffer_status = self._plain("buffer_get_status", i, p)
-        self.buffer_data = self._plain("buffer_get_data", p, p, POINTER(c_size_t))
-        self.buffer_width = self._plain("buffer_get_image_width", i, p)
-        self.buffer_height = self._plain("buffer_get_image_height", i, p)
-        self.buffer_format = self._plain("buffer_get_image_pixel_format", c_uint32, p)
-        self.buffer_frame = self._plain("buffer_get_frame_id", c_uint64, p)
-        self.buffer_time = self._plain("buffer_get_timestamp", c_uint64, p)
-
-    def _declare_gobject(self) -> None:
-        self._glib.g_error_free.argtypes = [c_void_p]
-        self._glib.g_quark_to_string.argtypes = [c_uint32]
-        self._glib.g_quark_to_string.restype = c_char_p
-        self.unref = self._gobject.g_object_unref
-        self.unref.argtypes, self.unref.restype = [c_void_p], None
-        self._set = self._gobject.g_object_set
-        self._set.restype = None
-
-    def set_int(self, thing: int, name: bytes, value: int) -> None:
-        """Set a property of an integer or enumeration type."""
-        self._set(c_void_p(thing), c_char_p(name), c_int(value), c_void_p(None))
-
-    def _plain(self, name: str, result: Any, *arguments: Any) -> Callable[..., Any]:
-        function = getattr(self._arv, f"arv_{name}")
-        function.restype, function.argtypes = result, list(arguments)
-        return function  # type: ignore[no-any-return]  # ctypes knows no types of foreign functions
-
-    def _checked(self, name: str, result: Any, *arguments: Any) -> Callable[..., Any]:
-        function = self._plain(name, result, *arguments, POINTER(_Error))
-
-        def call(*values: Any) -> Any:
-            error = _Error()
-            answer = function(*values, byref(error))
-            if error:
-                raise self._error(error)
-            return answer
-
-        return call
-
-    def _error(self, error: Any) -> AravisError:
-        """The Python exception for a GError, which is freed."""
-        content = error.contents
-        domain = (self._glib.g_quark_to_string(content.domain) or b"").decode()
-        code = content.code if domain == DOMAIN else -1
-        message = (content.message or b"no reason given").decode(errors="replace")
-        self._glib.g_error_free(error)
-        return AravisError(code, message)
-
-
-@cache
-def _library() -> _Library:
-    return _Library()
-
-
 class Device:
     """An opened camera. Raises LibraryMissing, AravisError."""
 
     def __init__(self, address: str) -> None:
-        self._lib = _library()
+        self._lib = library()
         self._camera: int | None = self._lib.camera_new(address.encode())
         if not self._camera:
             raise AravisError(NOT_FOUND, f"no camera at {address}")
@@ -202,16 +73,73 @@ class Device:
         """The serial number."""
         return (self._lib.serial(self._camera) or b"").decode(errors="replace").strip()
 
-    def number(self, feature: str) -> int:
-        """An integer feature."""
-        return int(self._lib.camera_number(self._camera, feature.encode()))
+    # Features, by the names of the GenICam Standard Features Naming Convention
 
-    def set_format(self, width: int, height: int) -> int:
-        """Mono8, this size at the sensor's origin, software trigger; returns the payload size in bytes."""
-        self._lib.set_pixel_format(self._camera, MONO8)
-        self._lib.set_region(self._camera, 0, 0, width, height)
-        self._lib.set_trigger(self._camera, b"Software")
+    def has(self, feature: str) -> bool:
+        """Has this camera such a feature, and is it there in its present state?"""
+        return bool(self._lib.has_feature(self._camera, feature.encode()))
+
+    def integer(self, feature: str) -> int:
+        """An integer feature."""
+        return int(self._lib.integer(self._camera, feature.encode()))
+
+    def real(self, feature: str) -> float:
+        """A feature with a fraction."""
+        return float(self._lib.real(self._camera, feature.encode()))
+
+    def text(self, feature: str) -> str:
+        """A text, or the present choice of an enumeration."""
+        return (self._lib.text(self._camera, feature.encode()) or b"").decode(errors="replace")
+
+    def choices(self, feature: str) -> list[str]:
+        """What an enumeration can be."""
+        count = c_uint()
+        found = self._lib.choices(self._camera, feature.encode(), byref(count))
+        try:
+            return [found[number].decode(errors="replace") for number in range(count.value)]
+        finally:
+            self._lib.free(found)
+
+    def value(self, feature: str, like: Value) -> Value:
+        """A feature of the same type as `like`."""
+        if isinstance(like, bool):
+            return bool(self._lib.boolean(self._camera, feature.encode()))
+        return self.integer(feature) if isinstance(like, int) else self.text(feature)
+
+    def set_to(self, feature: str, value: Value) -> None:
+        """Set a feature of the value's type."""
+        name = feature.encode()
+        if isinstance(value, bool):
+            self._lib.set_boolean(self._camera, name, int(value))
+        elif isinstance(value, int):
+            self._lib.set_integer(self._camera, name, value)
+        else:
+            self._lib.set_text(self._camera, name, value.encode())
+
+    # Pictures
+
+    def set_region(self, left: int, top: int, width: int, height: int) -> tuple[int, int, int, int]:
+        """Set the part of the sensor that is read out, in px; returns what the camera then has."""
+        self._lib.set_region(self._camera, left, top, width, height)
+        offsets = [self.integer(name) if self.has(name) else 0 for name in ("OffsetX", "OffsetY")]
+        return offsets[0], offsets[1], self.integer("Width"), self.integer("Height")
+
+    def set_pixel_format(self, code: int) -> int:
+        """Set the format by its PFNC code; returns the code that the camera then has."""
+        self._lib.set_pixel_format(self._camera, code)
+        return int(self._lib.pixel_format(self._camera))
+
+    def payload(self) -> int:
+        """Bytes of a picture as it is set now."""
         return int(self._lib.payload(self._camera))
+
+    def set_trigger(self, source: str) -> None:
+        """One picture for each start signal of this source, on its rising edge."""
+        self._lib.set_trigger(self._camera, source.encode())
+
+    def clear_triggers(self) -> None:
+        """Free run."""
+        self._lib.clear_triggers(self._camera)
 
     def set_exposure(self, exposure_us: float, gain_db: float) -> tuple[float, float]:
         """Set both, and read both back."""
@@ -258,17 +186,17 @@ class Device:
         if not handle:
             raise AravisError(-1, "no stream channel")
         if socket_buffer_bytes is None:
-            self._lib.set_int(handle, b"socket-buffer", SOCKET_BUFFER_AUTO)
+            self._lib.set_property(handle, b"socket-buffer", SOCKET_BUFFER_AUTO)
         else:
-            self._lib.set_int(handle, b"socket-buffer", SOCKET_BUFFER_FIXED)
-            self._lib.set_int(handle, b"socket-buffer-size", socket_buffer_bytes)
+            self._lib.set_property(handle, b"socket-buffer", SOCKET_BUFFER_FIXED)
+            self._lib.set_property(handle, b"socket-buffer-size", socket_buffer_bytes)
         return Stream(self._lib, handle)
 
 
 class Stream:
     """Pictures as they come. The memory they come into is ours: `push` lends it, `pop` gives it back."""
 
-    def __init__(self, library: _Library, handle: int) -> None:
+    def __init__(self, library: Library, handle: int) -> None:
         self._lib = library
         self._handle: int | None = handle
         self._lent: dict[int, Memory] = {}

@@ -1,7 +1,7 @@
 """What every camera driver offers, and what a picture is."""
 
 import asyncio
-from collections.abc import AsyncIterator
+from collections.abc import AsyncGenerator
 from dataclasses import astuple, dataclass
 from enum import StrEnum
 from typing import NamedTuple, Protocol
@@ -132,7 +132,7 @@ class Camera(Protocol):
     def state(self) -> StateChange:
         """How it stands now."""
 
-    def states(self) -> AsyncIterator[StateChange]:
+    def states(self) -> AsyncGenerator[StateChange, None]:
         """The present state, then every change; a reader that is slow misses the oldest."""
 
     async def open(self) -> None:
@@ -159,7 +159,7 @@ class Camera(Protocol):
         """
 
     async def next_frame(self, *, within_s: float = 1.0) -> Frame:
-        """The next picture by the line, in order (four may wait, then the oldest is dropped), or the newest in free run.
+        """The next picture by the line, in order (four may wait, then the oldest is dropped), or the newest free one.
 
         Raises FrameLost, NoAnswer, LinkLost, Refused (not armed for it).
         """

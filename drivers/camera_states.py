@@ -3,7 +3,7 @@
 import asyncio
 import time
 from collections import deque
-from collections.abc import AsyncIterator
+from collections.abc import AsyncGenerator
 
 from drivers.camera import State, StateChange
 
@@ -26,7 +26,7 @@ class States:
             waiting.append(self.now)
             changed.set()
 
-    async def follow(self) -> AsyncIterator[StateChange]:
+    async def follow(self) -> AsyncGenerator[StateChange, None]:
         """The present state, then every change."""
         reader = deque([self.now], maxlen=KEPT), asyncio.Event()
         self._readers.append(reader)

@@ -6,20 +6,22 @@ time-out or a garbled answer the link is poisoned: which line answers what is no
 
 import asyncio
 import contextlib
-from collections.abc import Coroutine
+from collections.abc import Coroutine, Sequence
 
 from drivers.errors import Collision, DeviceError, Garbled, NoAnswer, Refused
+from drivers.exchange import FileOut, Operation, Question, Waiting
 from drivers.link import LineLink
-from drivers.rcx import STOP, Code, Kind, classify, parse_failure
-from drivers.rcx_codes import COLLISIONS
+from drivers.rcx import CONTROL, HOLD, STOP, Code, Kind, classify, parse_failure
+from drivers.rcx_dialect import Dialect
 
 ANSWER_S = 1.0
 STOP_S = 2.0
+STOP_AGAIN_S = 0.05
 GREETING_S = 0.5
 SILENCE_S = 0.1
 MOST_SILENCES = 20
-MOST_DATA_LINES = 16
-EVENT_GROUP = 1
+LATE_S = 0.01  # what has arrived while this process was busy is not late
+FILE_SILENCE_S = 2.0
 QUESTION_GROUPS = (0, 4, 5, 14)  # codes that a query or a setting can earn
 
 
@@ -37,62 +39,49 @@ async def uncancelled(work: Coroutine[None, None, None]) -> None:
         raise cancelled
 
 
-class _Question:
-    """A query or a setting that waits for OK."""
-
-    def __init__(self, line: str) -> None:
-        self.line = line
-        self.data: list[str] = []
-        self.done = _outcome()
-
-    def fail(self, error: DeviceError) -> None:
-        _raise_in(self.done, error)
-
-
-class _Operation:
-    """A command that waits for RUN and then for END."""
-
-    def __init__(self, line: str) -> None:
-        self.line = line
-        self.accepted = _outcome()
-        self.finished = _outcome()
-
-    def finish(self) -> None:
-        _resolve(self.accepted)
-        _resolve(self.finished)
-
-    def fail(self, error: DeviceError) -> None:
-        _raise_in(self.accepted, error)
-        _raise_in(self.finished, error)
-
-
 class Conversation:
     """Questions and operations over one link."""
 
-    def __init__(self, address: str, *, device: str) -> None:
+    def __init__(self, address: str, dialect: Dialect, *, device: str) -> None:
         self.device = device
+        self._dialect = dialect
+        self._grammar = dialect.grammar
         self._link = LineLink(address, device=device)
-        self._question: _Question | None = None
-        self._operation: _Operation | None = None
+        self._question: Question | FileOut | None = None
+        self._operation: Operation | None = None
         self._asking = asyncio.Lock()
         self._greeted = asyncio.Event()
         self._reader: asyncio.Task[None] | None = None
         self._lines_heard = 0
+        self._last_kind = Kind.NOTHING
+        self._sent = ""
 
     @property
     def is_open(self) -> bool:
         """Whether the other side can be talked to."""
         return self._link.is_open
 
+    @property
+    def is_serial(self) -> bool:
+        """Whether it is a serial line, which keeps the bytes of earlier conversations."""
+        return self._link.is_serial
+
     async def open(self) -> None:
         """Connect and begin to read; raises LinkLost."""
         await self.close()
         await self._link.open()
         self._greeted.clear()
+        self._grammar = self._dialect.grammar
         self._reader = asyncio.create_task(self._read(), name=f"{self.device} reader")
 
     async def close(self) -> None:
-        """Hang up; whoever waits for an answer gets LinkLost."""
+        """Stop what runs, take leave as the dialect wants it, hang up; whoever waits for an answer gets LinkLost."""
+        with contextlib.suppress(DeviceError):
+            if self._operation is not None:
+                self.stop()
+            if self.is_open and self._dialect.good_bye and not self.is_serial:
+                self._link.send(self._dialect.good_bye)
+                await self._hung_up()
         await self._link.close()
         reader, self._reader = self._reader, None
         if reader is not None:
@@ -100,7 +89,8 @@ class Conversation:
 
     async def quiet(self) -> None:
         """Let a network greeting pass, or, on a serial line, the answers to an earlier conversation."""
-        if self._link.is_serial:
+        if self.is_serial:
+            self._link.send("")  # ends a file that was half way in
             await self._silence()
         elif self._reader is not None:
             greeted = asyncio.create_task(self._greeted.wait())
@@ -110,16 +100,64 @@ class Conversation:
             finally:
                 greeted.cancel()
 
-    async def ask(self, line: str) -> list[str]:
-        """Send a query or a setting and return the data lines before its OK.
+    async def learn(self, line: str) -> None:
+        """Ask this, and from its answer whether a query's data is followed by OK, which manuals do not say of all."""
+        if self._grammar.ok_after_data:
+            await self.ask(line)
+            return
+        await self.ask(line)
+        await self._silence()
+        if self._last_kind is Kind.OK:
+            self._grammar = self._grammar._replace(ok_after_data=True)
+
+    # -- questions ---------------------------------------------------------------------------------------
+
+    async def ask(self, line: str, *, within_s: float = ANSWER_S, codes_are_data: bool = False) -> list[str]:
+        """Send a query and return its data lines. `codes_are_data`: its answer may look like a refusal.
 
         Raises Refused, NoAnswer, LinkLost, Garbled. When cancelled it first lets the answer come in.
         """
+        ends = Kind.OK if self._grammar.ok_after_data else Kind.DATA
+        return await self._put(Question(line, ends, codes_are_data=codes_are_data), within_s)
+
+    async def set(self, line: str) -> None:
+        """Send a setting; raises as `ask`."""
+        if answer := await self._put(Question(line, Kind.OK), ANSWER_S):
+            raise self.garbled(line, answer)
+
+    async def fetch(self, line: str) -> list[str]:
+        """READ a file: its lines, without BEGIN and END. Raises as `ask`."""
         async with self._asking:
-            question = self._question = _Question(line)
+            question = self._question = Question(line, Kind.END)
             try:
-                self._link.send(line)
-                await self._wait(question.done, ANSWER_S, f"no answer to {line}")
+                self._send(line)
+                return await self._file(question)
+            except BaseException as error:
+                if not isinstance(error, Refused):
+                    self._link.poison("a file did not come whole")
+                raise
+            finally:
+                self._question = None
+
+    async def store(self, line: str, content: Sequence[str]) -> None:
+        """WRITE a file; it takes its place when the last line has come. Raises as `ask`."""
+        async with self._asking:
+            upload = self._question = FileOut(line)
+            try:
+                await self._upload(upload, content)
+            except BaseException as error:
+                if upload.halfway or not isinstance(error, Refused):
+                    self._link.poison("a file did not go whole")
+                raise
+            finally:
+                self._question = None
+
+    async def _put(self, question: Question, within_s: float) -> list[str]:
+        async with self._asking:
+            self._question = question
+            try:
+                self._send(question.line)
+                await self._wait(question.done, within_s, f"no answer to {question.line}")
             except asyncio.CancelledError:
                 await uncancelled(self._let_come(question))
                 raise
@@ -127,18 +165,24 @@ class Conversation:
                 self._question = None
             return question.data
 
+    # -- operations --------------------------------------------------------------------------------------
+
     async def operate(self, line: str, *, within_s: float) -> None:
-        """Send an operation, wait for RUN, and for END at most `within_s` seconds.
+        """Send an operation and wait at most `within_s` seconds for its end.
 
         One at a time. Cancelled or late, it stops the operation and waits (at most 2 s) until that is reported.
         Raises Refused, NoAnswer, LinkLost, Garbled.
         """
-        operation = self._operation = _Operation(line)
+        operation = self._operation = Operation(line)
         try:
-            async with self._asking:
-                self._link.send(line)
-                await self._wait(operation.accepted, ANSWER_S, f"no RUN after {line}", poison=False)
-            await self._wait(operation.finished, within_s, f"no END after {line}", poison=False)
+            if self._grammar.answers_in_motion:
+                async with self._asking:
+                    await self._begin(operation)
+                await self._wait(operation.finished, within_s, f"no END after {line}", poison=False)
+            else:
+                async with self._asking:
+                    self._send(line)
+                    await self._wait(operation.finished, within_s, f"no OK after {line}", poison=False)
         except (asyncio.CancelledError, NoAnswer) as error:
             await uncancelled(self._abort(operation, trusted=not isinstance(error, NoAnswer)))
             raise
@@ -149,21 +193,69 @@ class Conversation:
         """Stop the running operation now, out of turn; its own wait sees the end. Raises LinkLost."""
         self._link.tell(STOP)
 
-    def garbled(self, line: str, answer: list[str]) -> Garbled:
+    def hold(self) -> None:
+        """Keep a jog going. Raises LinkLost."""
+        self._link.tell(HOLD)
+
+    def garbled(self, line: str, answer: Sequence[str]) -> Garbled:
         """Poison the link because of this answer; returns the error to raise."""
         self._link.poison("a garbled answer came")
-        return Garbled(self.device, f"{line} was answered by {answer}")
+        return Garbled(self.device, f"{line} was answered by {list(answer[:2])}")
+
+    def refusal(self, code: Code | None, detail: str) -> Refused:
+        """The error for a code of the controller; what the arm reports when it hits something is told apart."""
+        if code is None:
+            return Refused(self.device, "not ready", detail)
+        return (Collision if self._dialect.is_collision(code) else Refused)(self.device, str(code), detail)
+
+    # -- sending and waiting -----------------------------------------------------------------------------
+
+    def _send(self, line: str) -> None:
+        self._sent = line
+        self._link.send(line)
+
+    async def _begin(self, operation: Operation) -> None:
+        self._send(operation.line)
+        await self._wait(operation.accepted, ANSWER_S, f"no RUN after {operation.line}", poison=False)
 
     async def _wait(
         self, outcome: asyncio.Future[None], within_s: float, complaint: str, *, poison: bool = True
     ) -> None:
-        try:
-            async with asyncio.timeout(within_s):
-                await asyncio.shield(outcome)
-        except TimeoutError:
-            if poison:
-                self._link.poison("an answer did not come in time")
-            raise NoAnswer(self.device, f"{complaint} within {within_s:.3g} s") from None
+        for patience_s in (within_s, LATE_S):
+            await asyncio.wait((outcome,), timeout=patience_s)
+            if outcome.done():
+                outcome.result()
+                return
+        if poison:
+            self._link.poison("an answer did not come in time")
+        raise NoAnswer(self.device, f"{complaint} within {within_s:.3g} s")
+
+    async def _upload(self, upload: FileOut, content: Sequence[str]) -> None:
+        self._send(upload.line)
+        await self._wait(upload.ready, ANSWER_S, f"no READY after {upload.line}")
+        upload.halfway = True
+        for line in (*content, ""):
+            if upload.done.done():
+                break  # it was refused
+            upload.halfway = line != ""
+            self._link.send(line)
+            await self._link.drained()
+        await self._wait(upload.done, FILE_SILENCE_S, f"no OK after the file of {upload.line}")
+
+    async def _file(self, question: Question) -> list[str]:
+        """Until END, after which nothing comes: a program may have a line END of its own."""
+        while True:
+            ended = question.data[-1:] == [Kind.END.name]
+            question.news.clear()
+            try:
+                async with asyncio.timeout(SILENCE_S if ended else FILE_SILENCE_S):
+                    await question.news.wait()
+            except TimeoutError:
+                if ended:
+                    return question.data[:-1]
+                raise NoAnswer(self.device, f"{question.line} stopped after {len(question.data)} lines") from None
+            if question.done.done():
+                question.done.result()  # raises: a file has no other end
 
     async def _silence(self) -> None:
         for _ in range(MOST_SILENCES):
@@ -172,21 +264,27 @@ class Conversation:
             if self._lines_heard == heard:
                 return
 
-    async def _let_come(self, question: _Question) -> None:
+    async def _hung_up(self) -> None:
+        if self._reader is not None:
+            await asyncio.wait((self._reader,), timeout=STOP_S)
+
+    async def _let_come(self, question: Question) -> None:
         await asyncio.wait((question.done,), timeout=ANSWER_S)
         if not question.done.done():
             self._link.poison("an answer did not come in time")
 
-    async def _abort(self, operation: _Operation, *, trusted: bool) -> None:
-        """Stop until the end is reported. The command may still be on its way in, so stop again after RUN."""
+    async def _abort(self, operation: Operation, *, trusted: bool) -> None:
+        """Stop until the end is reported. The command may still be on its way in, so stop again and again."""
+        loop = asyncio.get_running_loop()
+        deadline_s = loop.time() + STOP_S
         with contextlib.suppress(DeviceError):
-            self.stop()
-            if not operation.accepted.done():
-                await asyncio.wait((operation.accepted,), timeout=ANSWER_S)
+            while not operation.finished.done() and loop.time() < deadline_s:
                 self.stop()
-            await asyncio.wait((operation.finished,), timeout=STOP_S)
+                await asyncio.wait((operation.finished,), timeout=STOP_AGAIN_S)
         if not (trusted and operation.finished.done()):
             self._link.poison("an operation did not end in time")
+
+    # -- hearing -----------------------------------------------------------------------------------------
 
     async def _read(self) -> None:
         try:
@@ -199,29 +297,20 @@ class Conversation:
 
     def _take(self, line: str) -> None:
         self._lines_heard += 1
-        kind = classify(line)
-        if kind is Kind.NOTHING:
+        text = line.translate(CONTROL).strip()
+        if self._sent and text == self._sent:
+            return  # an echo; no answer begins with @
+        self._last_kind = kind = classify(text)
+        question = self._question
+        if question is not None and question.takes(kind, text):
+            if question.overflows:
+                question.fail(self.garbled(question.line, question.data))
+        elif kind is Kind.NOTHING:
             self._greeted.set()
         elif kind is Kind.FAILURE:
-            self._take_failure(line)
-        elif self._question is not None and kind in (Kind.OK, Kind.DATA):
-            self._take_answer(self._question, kind, line)
+            self._take_failure(text)
         elif self._operation is not None:
-            self._take_progress(self._operation, kind)
-
-    def _take_answer(self, question: _Question, kind: Kind, line: str) -> None:
-        if kind is Kind.OK:
-            _resolve(question.done)
-        elif len(question.data) < MOST_DATA_LINES:
-            question.data.append(line.strip())
-        else:
-            question.fail(self.garbled(question.line, question.data[:2]))
-
-    def _take_progress(self, operation: _Operation, kind: Kind) -> None:
-        if kind is Kind.RUN:
-            _resolve(operation.accepted)
-        elif kind is Kind.END or (kind is Kind.OK and not operation.accepted.done()):
-            operation.finish()  # some firmware answers ALMRST and SERVO by a single OK
+            self._operation.take(kind, run_before_end=self._grammar.run_before_end)
 
     def _take_failure(self, line: str) -> None:
         code = parse_failure(line)
@@ -231,38 +320,17 @@ class Conversation:
         if code is None:
             waiting.fail(self.garbled(waiting.line, [line]))
         else:
-            waiting.fail(refusal(self.device, str(code), f"{waiting.line}: {code.meaning}"))
+            waiting.fail(self.refusal(code, f"{waiting.line}: {self._dialect.meaning(code)}"))
 
-    def _who_failed(self, code: Code | None) -> _Question | _Operation | None:
+    def _who_failed(self, code: Code | None) -> Waiting | None:
         question, operation = self._question, self._operation
         if question is None or question.done.done():
             return operation
         if operation is None or operation.finished.done():
             # a stop may still be reported for a motion that an earlier conversation had begun
-            return None if code is not None and code.group == EVENT_GROUP else question
+            return None if code is not None and self._dialect.is_event(code) else question
         return question if code is not None and _of_question(code) and not question.data else operation
-
-
-def refusal(device: str, code: str, detail: str) -> Refused:
-    """The error for a code of the controller; what the arm reports when it hits something is told apart."""
-    return (Collision if code in COLLISIONS else Refused)(device, code, detail)
 
 
 def _of_question(code: Code) -> bool:
     return code.group in QUESTION_GROUPS or (code.group == 6 and 200 <= code.number < 300)
-
-
-def _outcome() -> asyncio.Future[None]:
-    future: asyncio.Future[None] = asyncio.get_running_loop().create_future()
-    future.add_done_callback(lambda done: done.cancelled() or done.exception())  # nobody need fetch a failure
-    return future
-
-
-def _resolve(future: asyncio.Future[None]) -> None:
-    if not future.done():
-        future.set_result(None)
-
-
-def _raise_in(future: asyncio.Future[None], error: DeviceError) -> None:
-    if not future.done():
-        future.set_exception(error)

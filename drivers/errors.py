@@ -40,6 +40,10 @@ class Collision(Refused):
     """The arm was stopped by something: overload, or away from where it should be."""
 
 
+class Disturbed(DeviceError):
+    """Something that only we should move was moved by somebody else."""
+
+
 class Mismatch(DeviceError):
     """This is not the device, the version or the session that the configuration names."""
 

@@ -1,146 +1,27 @@
 """A line link to a controller: text lines over TCP or a serial port, with single control bytes out of turn.
 
-    tcp://HOST:PORT                                            serial:/dev/ttyS0?baud=9600&parity=odd&flow=xonxoff
-
 A link that has failed or was poisoned delivers nothing more, not even what it had received: after a time-out nobody
 knows which answer belongs to which question. It is opened again, which starts with an empty slate.
 """
 
 import asyncio
-import contextlib
-import os
 import socket
 import termios
 from collections import deque
-from typing import NamedTuple, Protocol
-from urllib.parse import parse_qsl, urlsplit
-
-import serial
+from typing import Protocol
 
 from drivers.errors import DeviceError, Garbled, LinkLost, NoAnswer
+from drivers.link_address import SerialAddress, TcpAddress, parse_address
+from drivers.link_lines import LONGEST_LINE, LineSplitter
+from drivers.link_serial import SerialWire, reason
 
-LONGEST_LINE = 512
-MOST_LINES = 256  # received and not yet read
+MOST_LINES = 16_384  # received and not yet read; a whole segment of a point file
 MOST_UNSENT = 4096  # bytes
 CONNECT_S = 2.0
 CLOSE_S = 0.5
-READ_SIZE = 4096
-BAUDS = (4800, 9600, 19200, 38400, 57600, 115200)
-PARITIES = {"none": serial.PARITY_NONE, "odd": serial.PARITY_ODD, "even": serial.PARITY_EVEN}
-PSEUDO_TERMINALS = range(136, 144)  # device major numbers
-FLOWS = ("none", "xonxoff", "rtscts")
-
-IAC, DONT, DO, WONT, WILL, SUBNEGOTIATION, SUBNEGOTIATION_END = 255, 254, 253, 252, 251, 250, 240
-
-
-class TcpAddress(NamedTuple):
-    """Where a controller listens."""
-
-    host: str
-    port: int
-
-
-class SerialAddress(NamedTuple):
-    """A serial port and its settings; 8 data bits, 1 stop bit."""
-
-    path: str
-    baud: int
-    parity: str
-    flow: str
-
-
-def parse_address(text: str) -> TcpAddress | SerialAddress:
-    """Read a link address; raises ValueError with the value and the remedy."""
-    if text.startswith("tcp://"):
-        return _tcp_address(text)
-    if text.startswith("serial:"):
-        return _serial_address(text)
-    raise ValueError(f"{text!r} is no link address: write tcp://HOST:PORT or serial:/dev/ttyS0?baud=9600")
-
-
-def _tcp_address(text: str) -> TcpAddress:
-    parts = urlsplit(text)
-    try:
-        port = parts.port
-    except ValueError:
-        port = None
-    rest = (parts.path, parts.query, parts.fragment, parts.username)
-    if not parts.hostname or not port or any(rest):
-        raise ValueError(f"{text!r} needs a host and a port from 1 to 65535: write tcp://192.168.0.2:23")
-    return TcpAddress(parts.hostname, port)
-
-
-def _serial_address(text: str) -> SerialAddress:
-    path, _, query = text.removeprefix("serial:").partition("?")
-    if not path.startswith("/"):
-        raise ValueError(f"{text!r} needs the whole path of a port: write serial:/dev/ttyS0?baud=9600")
-    given = {"baud": "9600", "parity": "odd", "flow": "xonxoff"}
-    for key, value in parse_qsl(query, keep_blank_values=True):
-        if key not in given:
-            raise ValueError(f"{text!r} has the unknown setting {key!r}: there are baud, parity, flow")
-        given[key] = value
-    choices = {"baud": tuple(map(str, BAUDS)), "parity": tuple(PARITIES), "flow": FLOWS}
-    for key, allowed in choices.items():
-        if given[key] not in allowed:
-            raise ValueError(f"{text!r}: {key} is {given[key]!r}, choose one of {', '.join(allowed)}")
-    return SerialAddress(path, int(given["baud"]), given["parity"], given["flow"])
-
-
-class LineSplitter:
-    """Bytes to lines, pure. NUL and CR are dropped, LF ends a line, telnet negotiation is swallowed and refused."""
-
-    def __init__(self, *, telnet: bool) -> None:
-        self.overlong = False  # a line passed LONGEST_LINE; nothing after it can be trusted
-        self._telnet = telnet
-        self._begun = bytearray()
-        self._negotiation = bytearray()
-
-    def feed(self, data: bytes) -> tuple[list[str], bytes]:
-        """The whole lines that these bytes complete, and the bytes to send back at once."""
-        refusals = b""
-        if self._telnet and (self._negotiation or IAC in data):
-            data, refusals = self._without_negotiation(data)
-        *ended, begun = data.translate(None, b"\0\r").split(b"\n")
-        lines = []
-        for piece in ended:
-            lines.append(bytes(self._begun + piece))
-            self._begun.clear()
-        self._begun += begun
-        self.overlong = self.overlong or any(len(line) > LONGEST_LINE for line in (*lines, self._begun))
-        del self._begun[LONGEST_LINE + 1 :]
-        return [line.decode("latin-1") for line in lines], refusals
-
-    def _without_negotiation(self, data: bytes) -> tuple[bytes, bytes]:
-        plain, refusals = bytearray(), bytearray()
-        for byte in data:
-            if not self._negotiation and byte != IAC:
-                plain.append(byte)
-                continue
-            self._negotiation.append(byte)
-            if self._negotiation_ended():
-                refusals += _refusal(self._negotiation)
-                plain += _not_telnet(self._negotiation)
-                self._negotiation.clear()
-        return bytes(plain), bytes(refusals)
-
-    def _negotiation_ended(self) -> bool:
-        told = self._negotiation
-        if len(told) == 1:
-            return False
-        if told[1] == SUBNEGOTIATION:
-            del told[2:-2]  # its content is nothing to us
-            return len(told) == 4 and told[2:] == bytes((IAC, SUBNEGOTIATION_END))
-        return len(told) == 3 or told[1] not in (WILL, WONT, DO, DONT)
-
-
-def _not_telnet(told: bytearray) -> bytes:
-    """A stray FFh takes no letter and no line end with it."""
-    return bytes(told[1:]) if told[1] < SUBNEGOTIATION_END else b""
-
-
-def _refusal(told: bytearray) -> bytes:
-    answer = {WILL: DONT, DO: WONT}.get(told[1])
-    return bytes((IAC, answer, told[2])) if answer is not None else b""
+DRAIN_S = 2.0  # in which a line must be taken
+LOOK_AGAIN_S = 0.005
+KEEP_ALIVE_S, KEEP_ALIVE_PROBES = 5, 3  # a dead peer is noticed in 15 s even when nothing is asked
 
 
 class Wire(Protocol):
@@ -189,7 +70,8 @@ class LineLink:
         except TimeoutError:
             raise LinkLost(self.device, f"no connection to {self.address} within {CONNECT_S:g} s") from None
         except (OSError, termios.error) as error:  # serial.SerialException is an OSError
-            raise LinkLost(self.device, f"no connection to {self.address}: {error}") from error
+            why = reason(error, self._parsed.path) if isinstance(self._parsed, SerialAddress) else str(error)
+            raise LinkLost(self.device, f"no connection to {self.address}: {why}") from error
         self._receiver = receiver
 
     async def close(self) -> None:
@@ -223,6 +105,14 @@ class LineLink:
         """Send control bytes now, out of turn; raises as `send`."""
         self._write(control)
 
+    async def drained(self) -> None:
+        """Until the other side has taken most of what was sent; raises LinkLost, or NoAnswer when it does not."""
+        deadline_s = asyncio.get_running_loop().time() + DRAIN_S
+        while self._wire is not None and self.is_open and self._wire.get_write_buffer_size() > MOST_UNSENT // 2:
+            if asyncio.get_running_loop().time() > deadline_s:
+                raise self._stuck()
+            await asyncio.sleep(LOOK_AGAIN_S)
+
     async def line(self) -> str:
         """The next line received; raises LinkLost or Garbled once the link has failed."""
         if self._receiver is None:
@@ -235,9 +125,12 @@ class LineLink:
         if self._receiver.failure is not None:
             raise self._receiver.failure
         if self._wire.get_write_buffer_size() > MOST_UNSENT:
-            self.poison("it takes no bytes")
-            raise NoAnswer(self.device, f"it has not taken {MOST_UNSENT} bytes that were sent")
+            raise self._stuck()
         self._wire.write(data)
+
+    def _stuck(self) -> NoAnswer:
+        self.poison("it takes no bytes")
+        return NoAnswer(self.device, "it does not take what is sent")
 
 
 class _Receiver(asyncio.Protocol):
@@ -257,6 +150,10 @@ class _Receiver(asyncio.Protocol):
         self._wire = transport
         if (sock := transport.get_extra_info("socket")) is not None:
             sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+            sock.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+            sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPIDLE, KEEP_ALIVE_S)
+            sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPINTVL, KEEP_ALIVE_S)
+            sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPCNT, KEEP_ALIVE_PROBES - 1)
 
     def data_received(self, data: bytes) -> None:
         if self.failure is not None:
@@ -297,87 +194,3 @@ async def _connect(address: TcpAddress | SerialAddress, receiver: _Receiver) -> 
         transport, _ = await loop.create_connection(lambda: receiver, address.host, address.port)
         return transport
     return SerialWire(address, receiver)
-
-
-def _has_no_parity(path: str) -> bool:
-    """A pseudo terminal (a line carried over a network, for instance) refuses parity when opened again."""
-    return os.major(os.stat(path).st_rdev) in PSEUDO_TERMINALS
-
-
-class SerialWire:
-    """A serial port on the running loop; reads and writes never block. Raises SerialException."""
-
-    def __init__(self, address: SerialAddress, receiver: asyncio.Protocol) -> None:
-        self._receiver = receiver
-        self._unsent = bytearray()
-        self._loop = asyncio.get_running_loop()
-        self._port: serial.Serial | None = serial.Serial(
-            address.path,
-            address.baud,
-            parity=PARITIES["none" if _has_no_parity(address.path) else address.parity],
-            xonxoff=address.flow == "xonxoff",
-            rtscts=address.flow == "rtscts",
-            exclusive=True,
-            timeout=0,
-        )
-        self._port.reset_input_buffer()
-        self._fd = self._port.fileno()
-        self._loop.add_reader(self._fd, self._readable)
-
-    def write(self, data: bytes) -> None:
-        """Send now what the port takes, the rest when it can."""
-        if self._port is None:
-            return
-        # A control byte does not wait behind a line that flow control holds back.
-        self._unsent[:] = data + self._unsent if len(data) == 1 else self._unsent + data
-        self._writable()
-
-    def get_write_buffer_size(self) -> int:
-        """Bytes that the port has not taken."""
-        return len(self._unsent)
-
-    def close(self) -> None:
-        """Let go; a serial line has nobody to say good-bye to."""
-        self._drop(None)
-
-    def abort(self) -> None:
-        """The same."""
-        self._drop(None)
-
-    def _readable(self) -> None:
-        try:
-            data = os.read(self._fd, READ_SIZE)
-        except BlockingIOError:
-            return
-        except OSError as error:
-            self._drop(error)
-            return
-        if data:
-            self._receiver.data_received(data)
-        else:
-            self._drop(None)
-
-    def _writable(self) -> None:
-        try:
-            sent = os.write(self._fd, self._unsent)
-        except BlockingIOError:
-            sent = 0
-        except OSError as error:
-            self._drop(error)
-            return
-        del self._unsent[:sent]
-        if self._unsent:
-            self._loop.add_writer(self._fd, self._writable)
-        else:
-            self._loop.remove_writer(self._fd)
-
-    def _drop(self, why: Exception | None) -> None:
-        if self._port is None:
-            return
-        self._loop.remove_reader(self._fd)
-        self._loop.remove_writer(self._fd)
-        with contextlib.suppress(termios.error):  # else closing waits for what flow control holds back
-            self._port.reset_output_buffer()
-        self._port.close()
-        self._port = None
-        self._receiver.connection_lost(why)

@@ -103,12 +103,10 @@ def eight_bit(payload: Bytes, pixel_format: PixelFormat, width_px: int, height_p
     if pixel_format.layout is Plain.LUMA:
         return np.ascontiguousarray(payload[::2]).reshape(shape)
     if isinstance(pixel_format.layout, Layout):
-        return _unpacked(payload, pixel_format, width_px * height_px, np.uint8).reshape(shape)
-    words = _words(payload, pixel_format)
-    narrow = np.empty(words.size, np.uint8)
-    for first in range(0, words.size, BLOCK_GROUPS):
-        narrow[first : first + BLOCK_GROUPS] = _narrowed(words[first : first + BLOCK_GROUPS], pixel_format.bits)
-    return narrow.reshape(shape)
+        narrow = np.empty(_room(pixel_format.layout, width_px * height_px), np.uint8)
+        _unpack(payload, pixel_format, narrow)
+        return narrow.reshape(-1)[: width_px * height_px].reshape(shape)
+    return _narrow_words(_words(payload, pixel_format), pixel_format.bits).reshape(shape)
 
 
 def full_depth(payload: Bytes, pixel_format: PixelFormat, width_px: int, height_px: int) -> Grey16:
@@ -116,7 +114,9 @@ def full_depth(payload: Bytes, pixel_format: PixelFormat, width_px: int, height_
     _check_size(payload, pixel_format, width_px, height_px)
     shape = height_px, width_px
     if isinstance(pixel_format.layout, Layout):
-        return _unpacked(payload, pixel_format, width_px * height_px, np.uint16).reshape(shape)
+        deep = np.empty(_room(pixel_format.layout, width_px * height_px), np.uint16)
+        _unpack(payload, pixel_format, deep)
+        return deep.reshape(-1)[: width_px * height_px].reshape(shape)
     if pixel_format.layout is Plain.WORD:
         return _words(payload, pixel_format).astype(np.uint16).reshape(shape)
     return eight_bit(payload, pixel_format, width_px, height_px).astype(np.uint16)
@@ -138,6 +138,13 @@ def _words(payload: Bytes, pixel_format: PixelFormat) -> NDArray[np.uint16]:
     return words
 
 
+def _narrow_words(words: NDArray[np.uint16], bits: int) -> Grey8:
+    narrow = np.empty(words.size, np.uint8)
+    for first in range(0, words.size, BLOCK_GROUPS):
+        narrow[first : first + BLOCK_GROUPS] = _narrowed(words[first : first + BLOCK_GROUPS], bits)
+    return narrow
+
+
 def _narrowed(values: NDArray[np.uint16], bits: int) -> NDArray[np.uint16]:
     """From so many bits to eight, rounded; the brightest values do not run over."""
     shift = bits - 8
@@ -145,26 +152,27 @@ def _narrowed(values: NDArray[np.uint16], bits: int) -> NDArray[np.uint16]:
     return (np.minimum(values, ceiling) + np.uint16(1 << (shift - 1))) >> np.uint16(shift)
 
 
-def _unpacked(
-    payload: Bytes, pixel_format: PixelFormat, count: int, kind: type[np.uint8] | type[np.uint16]
-) -> NDArray[np.uint8 | np.uint16]:
-    """`count` pixels out of their groups, block by block."""
+def _room(layout: Layout, count: int) -> tuple[int, int]:
+    """Groups that hold `count` pixels, and pixels in a group."""
+    return -(-count // len(layout.parts)), len(layout.parts)
+
+
+def _unpack(payload: Bytes, pixel_format: PixelFormat, out: Grey8 | Grey16) -> None:
+    """All groups into `out` (groups, pixels of a group), block by block; the last one may end with the picture."""
     layout = pixel_format.layout
     assert isinstance(layout, Layout)
-    groups = -(-count // len(layout.parts))
-    out = np.empty((groups, len(layout.parts)), kind)
     whole = payload.size // layout.group_bytes
     table = payload[: whole * layout.group_bytes].reshape(whole, layout.group_bytes)
     for first in range(0, whole, BLOCK_GROUPS):
-        _unpack_block(table[first : first + BLOCK_GROUPS], out[first : first + BLOCK_GROUPS], pixel_format)
-    if whole < groups:  # the last group ends with the picture
+        end = min(first + BLOCK_GROUPS, whole)
+        _unpack_block(table[first:end], out[first:end], pixel_format)
+    if whole < len(out):
         rest = np.zeros((1, layout.group_bytes), np.uint8)
         rest[0, : payload.size - whole * layout.group_bytes] = payload[whole * layout.group_bytes :]
         _unpack_block(rest, out[whole:], pixel_format)
-    return out.reshape(-1)[:count]
 
 
-def _unpack_block(groups: Bytes, out: NDArray[np.uint8 | np.uint16], pixel_format: PixelFormat) -> None:
+def _unpack_block(groups: Bytes, out: Grey8 | Grey16, pixel_format: PixelFormat) -> None:
     layout, white = pixel_format.layout, np.uint16(pixel_format.white)
     assert isinstance(layout, Layout)
     columns = {n: groups[:, n].astype(np.uint16) for n in range(layout.group_bytes)}

@@ -8,8 +8,12 @@ import asyncio
 from typing import Literal, NamedTuple
 
 from drivers.errors import Garbled
+from drivers.plc_buttons import Button
+from drivers.plc_layout import Exchange, Layout, PlcAddress
+from drivers.plc_picture import DEVICE
 from drivers.plc_registers import CellWords, Command, Output, PlcImage, PlcState, why_unsafe
 from drivers.plc_scan import PlcScan
+from drivers.plc_tags import Seen
 
 CARRY_WITHIN_S = 1.0
 
@@ -38,21 +42,11 @@ class Plc:
         unit_id: int = 1,
         scan_period_s: float = 0.01,
         stale_after_s: float = 0.25,
-        exchange: Literal["fc23", "fc3+fc16"] = "fc23",
-        device: str = "plc",
+        exchange: Exchange = "fc23",
+        layout: Layout | None = None,
     ) -> None:
-        if exchange not in ("fc23", "fc3+fc16"):
-            raise ValueError(f'exchange must be "fc23" or "fc3+fc16" (got {exchange!r})')
-        one_request = exchange == "fc23"
-        self._scan = PlcScan(
-            device,
-            host,
-            port,
-            unit_id=unit_id,
-            period_s=scan_period_s,
-            stale_after_s=stale_after_s,
-            one_request=one_request,
-        )
+        address = PlcAddress(host, port, unit_id, exchange, layout or Layout())
+        self._scan = PlcScan(address, period_s=scan_period_s, stale_after_s=stale_after_s)
         self._turn = asyncio.Lock()  # one command after the other
         self._stop_turn = asyncio.Lock()  # stop overtakes the others, but not another stop
 
@@ -73,6 +67,10 @@ class Plc:
         still for 500 ms), Mismatch (map version, foreign session), Garbled, Refused.
         """
         return self._scan.picture
+
+    def seen(self) -> Seen:
+        """All registers as they went over the wire last, with their ages, and the newest packets; at any time."""
+        return self._scan.seen()
 
     async def ready(self, *, within_s: float) -> None:
         """Return when connected, with the right map version, the PLC program running and our session served."""
@@ -124,15 +122,11 @@ class Plc:
         untaken = (image.arrival_seq - before) & 0xFFFF
         counter = "arrival counter (register 110)"
         if untaken == 0:
-            raise Garbled(
-                self._scan.device, f"bring base is done but the {counter} is still {before}; check the switch"
-            )
+            raise Garbled(DEVICE, f"bring base is done but the {counter} is still {before}; check the switch")
         if untaken > 1:
             self._scan.taken = (image.arrival_seq - 1) & 0xFFFF
             went = f"{counter} went from {before} to {image.arrival_seq}"
-            raise Garbled(
-                self._scan.device, f"{went}: {untaken - 1} passed unseen; look at the station, then bring again"
-            )
+            raise Garbled(DEVICE, f"{went}: {untaken - 1} passed unseen; look at the station, then bring again")
         self._scan.taken = image.arrival_seq
         return Arrival(image.arrival_seq, image.carrier_id, image.arrival_age_s + self._scan.picture_age_s)
 
@@ -175,13 +169,29 @@ class Plc:
         wanted, kpa = ("on" if on else "off"), self._scan.picture.vacuum_kpa
         return f"vacuum switch (register 105 bit 1) did not go {wanted}, vacuum (register 115) is {kpa:.1f} kPa;"
 
+    # -- buttons -------------------------------------------------------------------------------------------------
+
+    async def pressed(self) -> Button:
+        """The next press of a button at the PLC, however short; waits without a deadline.
+
+        Each press is returned once. Those from before our session or from while the link was down never are; of
+        several in one exchange stop comes first, then reset, then start.
+        """
+        return await self._scan.pressed()
+
     # -- safety --------------------------------------------------------------------------------------------------
 
     async def unsafe(self) -> str:
         """Return, with a sentence that says why, as soon as safety is or was lost, or cannot be seen any more."""
         boot = self._scan.boot
-        while not (reason := self._unsafe_since(boot)):
-            await self._scan.change()
+        reason = ""
+
+        def seen() -> bool:
+            nonlocal reason
+            reason = self._unsafe_since(boot) or reason  # also when it has passed before we are woken
+            return bool(reason)
+
+        await self._scan.wait(seen)
         return reason
 
     def _unsafe_since(self, boot: int | None) -> str:

@@ -4,14 +4,15 @@ Holding registers, addresses as on the wire (0-based), 32-bit values high word f
 cellctl writes 0..15, the PLC writes 100..131; the map has a version word.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
 from enum import IntEnum, IntFlag
-from typing import NamedTuple
+from typing import Generic, NamedTuple, TypeVar
 
 WRITE_ADDRESS, WRITE_COUNT = 0, 16
 READ_ADDRESS, READ_COUNT = 100, 32
+LONG_VALUES = (11,)  # places among the PLC's words where 32 bits begin
 MAP_VERSION = 0x0100
+T = TypeVar("T")
 
 
 class PlcState(IntEnum):
@@ -28,6 +29,9 @@ class PlcState(IntEnum):
     def words(self) -> str:
         """As it is called in a sentence."""
         return self.name.lower().replace("_", " ")
+
+
+LAST_STATE = max(PlcState)
 
 
 class Command(IntEnum):
@@ -79,79 +83,74 @@ class Output(IntFlag):
     BUZZER = 128
 
 
-@dataclass(frozen=True, slots=True)
-class PlcImage:
-    """Registers 100..131 as the PLC wrote them, decoded."""
+class Fact(Generic[T]):
+    """One fact of a picture, decoded when somebody asks: of most pictures few are asked for."""
 
-    heartbeat: int
-    map_version: int
-    session: int  # that the PLC serves; 0 = none
-    state: PlcState
-    estop_healthy: bool
-    guard_closed: bool
-    air_ok: bool
-    robot_enable: bool
-    photo_switch: bool
-    vacuum_reached: bool
-    carrier_clamped: bool
-    battery_on_table: bool
-    conveyor_moving: bool
-    start_button: bool
-    stop_button: bool
-    reset_button: bool
-    lost: Safety  # what fell since the latches were reset, also for a moment
-    accepted: int  # command sequence numbers
-    finished: int
-    result: int
-    arrival_seq: int
-    arrival_age_s: float
-    carrier_id: int
-    fault: int
-    vacuum_kpa: float  # negative when sucking
-    cycle_ms: float
-    boot: int
-    start_presses: int
-    stop_presses: int
+    def __init__(self, read: Callable[[Sequence[int]], T]) -> None:
+        self._read = read
+
+    def __get__(self, image: "PlcImage", owner: type["PlcImage"]) -> T:
+        return self._read(image.words)
+
+
+def _word(at: int) -> Fact[int]:
+    return Fact(lambda words: words[at])
+
+
+def _bit(at: int, bit: int) -> Fact[bool]:
+    return Fact(lambda words: bool(words[at] >> bit & 1))
+
+
+class PlcImage:
+    """Registers 100..131 as the PLC wrote them."""
+
+    __slots__ = ("words",)
+
+    def __init__(self, words: Sequence[int]) -> None:
+        self.words = words
+
+    heartbeat = _word(0)
+    map_version = _word(1)
+    session = _word(2)  # that the PLC serves; 0 = none
+    state = Fact(lambda words: PlcState(words[3]))
+    estop_healthy = _bit(4, 0)
+    guard_closed = _bit(4, 1)
+    air_ok = _bit(4, 2)
+    robot_enable = _bit(4, 3)
+    photo_switch = _bit(5, 0)
+    vacuum_reached = _bit(5, 1)
+    carrier_clamped = _bit(5, 2)
+    battery_on_table = _bit(5, 3)
+    conveyor_moving = _bit(5, 4)
+    start_button = _bit(5, 5)
+    stop_button = _bit(5, 6)
+    reset_button = _bit(5, 7)
+    lost = Fact(lambda words: Safety(words[6] & 0xF))  # what fell since the latches were reset, also for a moment
+    accepted = _word(7)  # command sequence numbers
+    finished = _word(8)
+    result = _word(9)
+    arrival_seq = _word(10)
+    arrival_age_s = Fact(lambda words: ((words[11] << 16) | words[12]) / 1000)
+    carrier_id = _word(13)
+    fault = _word(14)
+    vacuum_kpa = Fact(lambda words: (words[15] - ((words[15] & 0x8000) << 1)) / 10)  # negative when sucking
+    cycle_ms = Fact(lambda words: words[16] / 10)
+    boot = _word(17)
+    start_presses = Fact(lambda words: words[18] & 0xFF)
+    stop_presses = Fact(lambda words: words[18] >> 8)
+    reset_presses = Fact(lambda words: words[19] & 0xFF)
 
 
 def decode(words: Sequence[int]) -> PlcImage:
     """The picture in registers 100..131; raises ValueError naming the register when a value has no meaning."""
     if len(words) != READ_COUNT:
         raise ValueError(f"registers 100..131 are {READ_COUNT} words (got {len(words)})")
-    if words[3] > max(PlcState):
-        raise ValueError(f"register 103 (PLC state) is {words[3]}, known are 0..{max(PlcState)}")
-    safety, inputs = words[4], words[5]
-    return PlcImage(
-        heartbeat=words[0],
-        map_version=words[1],
-        session=words[2],
-        state=PlcState(words[3]),
-        estop_healthy=bool(safety & 1),
-        guard_closed=bool(safety & 2),
-        air_ok=bool(safety & 4),
-        robot_enable=bool(safety & 8),
-        photo_switch=bool(inputs & 1),
-        vacuum_reached=bool(inputs & 2),
-        carrier_clamped=bool(inputs & 4),
-        battery_on_table=bool(inputs & 8),
-        conveyor_moving=bool(inputs & 16),
-        start_button=bool(inputs & 32),
-        stop_button=bool(inputs & 64),
-        reset_button=bool(inputs & 128),
-        lost=Safety(words[6] & 0xF),
-        accepted=words[7],
-        finished=words[8],
-        result=words[9],
-        arrival_seq=words[10],
-        arrival_age_s=((words[11] << 16) | words[12]) / 1000,
-        carrier_id=words[13],
-        fault=words[14],
-        vacuum_kpa=(words[15] - ((words[15] & 0x8000) << 1)) / 10,
-        cycle_ms=words[16] / 10,
-        boot=words[17],
-        start_presses=words[18] & 0xFF,
-        stop_presses=words[18] >> 8,
-    )
+    if words[3] > LAST_STATE:
+        raise ValueError(f"register 103 (PLC state) is {words[3]}, known are 0..{LAST_STATE}")
+    return PlcImage(words)
+
+
+RESERVED = [0] * 6  # registers 10..15
 
 
 class CellWords(NamedTuple):
@@ -170,7 +169,7 @@ class CellWords(NamedTuple):
 
     def encode(self) -> list[int]:
         """Sixteen words; counters keep their low word."""
-        return [value & 0xFFFF for value in self] + [0] * (WRITE_COUNT - len(self))
+        return [value & 0xFFFF for value in self] + RESERVED
 
 
 def why_unsafe(image: PlcImage) -> str:

@@ -1,28 +1,25 @@
-"""RCX text and values: what the controller's lines mean and how commands are written. Pure.
+"""RCX text and values that both generations of controllers share: what lines are, numbers, points, the state. Pure.
 
-The dialect is that of the RCX340 and RCX320: a query is answered by data and OK, a setting by OK, an operation by
-RUN and END, and any of them by NG=group.class instead.
+What differs between the generations is in `rcx2` and `rcx3`.
 """
 
-import math
 import re
 from dataclasses import dataclass
 from enum import Enum, auto
 from typing import NamedTuple
 
-from drivers.rcx_codes import meaning
-
 LONGEST_COMMAND = 80  # characters, the "@" counted and the line end not
 STOP = b"\x03"  # ends the running operation, needs no line end and gets no answer of its own
+HOLD = b"\x16"  # keeps a jog going
 RIGHTY, LEFTY = 1, 2
-AUTO_RELEASED = 2  # ?MODE: automatic, the control right released by the pendant
+AXES = 4
 
 NG = re.compile(r"(?:NG\s*=\s*)?(\d{1,2})\.(\d{1,3})(?::.*)?", re.ASCII)
 CODE_WITH_TEXT = re.compile(r"\d{1,2}\.\d{1,3}:", re.ASCII)
 DECIMAL = re.compile(r"[+-]?(?:\d{1,9}(?:\.\d{0,9})?|\.\d{1,9})", re.ASCII)
 FIELD_COUNTS = (6, 7, 9)
 INTEGER = re.compile(r"[+-]?\d{1,9}", re.ASCII)
-STATE_AND_AXES = re.compile(r"([01])(?:\s+[0-9](?:\s*,\s*[0-9])*)?", re.ASCII)
+CONTROL = dict.fromkeys(range(32))  # no answer has any; an echo may
 
 
 class Kind(Enum):
@@ -47,11 +44,6 @@ class Code(NamedTuple):
     def __str__(self) -> str:
         return f"{self.group}.{self.number}"
 
-    @property
-    def meaning(self) -> str:
-        """A readable phrase, also for a code that is not in the table."""
-        return meaning(self.group, self.number)
-
 
 class Point(NamedTuple):
     """A tool position in robot coordinates: Z positive downwards, R counter-clockwise from above."""
@@ -72,16 +64,65 @@ class Position(NamedTuple):
     hand: int
 
 
+class Pulses(NamedTuple):
+    """The four axes in the controller's pulses."""
+
+    axis_1: int
+    axis_2: int
+    axis_3: int
+    axis_4: int
+
+
+class Ramps(NamedTuple):
+    """Acceleration and deceleration of a motion as shares of what the arm can do."""
+
+    accel_pct: int = 100
+    decel_pct: int = 100
+
+
+class Arch(NamedTuple):
+    """A motion over something: up to `top_z_mm`, across, and down.
+
+    The way across may begin `rise_mm` below the top and must end `sink_mm` below it.
+    """
+
+    top_z_mm: float
+    rise_mm: float = 0.0
+    sink_mm: float = 0.0
+
+
+class Motion(NamedTuple):
+    """One motion. `blends`: the next one may begin before this one has quite ended."""
+
+    to: Point
+    hand: int
+    speed_pct: int
+    straight: bool = False
+    ramps: Ramps = Ramps()
+    arch: Arch | None = None
+    blends: bool = False
+
+
+class Mode(Enum):
+    """Who may move the arm."""
+
+    AUTOMATIC = "automatic"
+    HELD = "automatic, the pendant holds the control"
+    MANUAL = "manual"
+    OTHER = "none in which the arm may be moved"
+
+
 @dataclass(frozen=True, slots=True)
 class RobotStatus:
-    """What the controller said about itself. `alarm` is "" or the code, "12.600"."""
+    """What the controller said about itself. `alarm` is "" or the code, "12.600"; `alarm_means` its words."""
 
-    mode: int
+    mode: Mode
     emergency_stop: bool
     alarm: str
     motor_on: bool
     servo_on: bool
     origin_done: bool
+    alarm_means: str = ""
 
     @property
     def ready(self) -> bool:
@@ -93,16 +134,16 @@ class RobotStatus:
         """One sentence with the remedy, "" when ready."""
         reasons = (
             (self.emergency_stop, "the emergency stop is pressed: release it, then reset the alarm"),
-            (bool(self.alarm), f"alarm {self.alarm} ({_alarm_meaning(self.alarm)}) stands: reset it"),
-            (self.mode != AUTO_RELEASED, f"mode is {self.mode}: select automatic on the pendant, release control"),
+            (bool(self.alarm), f"alarm {self.alarm} ({self.alarm_means}) stands: reset it"),
+            (
+                self.mode is not Mode.AUTOMATIC,
+                f"the mode is {self.mode.value}: select automatic on the pendant, release control",
+            ),
             (not self.motor_on, "the motor power is off: switch it on"),
             (not self.servo_on, "the servo is off: switch it on"),
             (not self.origin_done, "the origin is incomplete: a person must run the origin return"),
         )
         return next((why for is_so, why in reasons if is_so), "")
-
-
-# -- received ------------------------------------------------------------------------------------------------
 
 
 def classify(line: str) -> Kind:
@@ -116,7 +157,7 @@ def classify(line: str) -> Kind:
 
 
 def parse_failure(line: str) -> Code | None:
-    """The code in `NG=6.204`, `NG=06.204` or an alarm's `6.204`; None when there is none."""
+    """The code in `NG=6.204`, `NG=06.204`, `6.4:words` or an alarm's `6.204`; None when there is none."""
     found = NG.fullmatch(line.strip())
     return Code(int(found[1]), int(found[2])) if found else None
 
@@ -129,8 +170,16 @@ def parse_position(line: str) -> Position | None:
     hand = fields[6] if len(fields) > 6 else "0"
     if hand not in ("0", "1", "2"):
         return None
-    x, y, z, r = map(float, fields[:4])
+    x, y, z, r = map(float, fields[:AXES])
     return Position(Point(x, y, z, r), int(hand))
+
+
+def parse_pulses(line: str) -> Pulses | None:
+    """Four to nine whole numbers, `[POS]` before them or not; None when it is anything else."""
+    fields = line.strip().removeprefix("[POS]").split()
+    if not AXES <= len(fields) <= max(FIELD_COUNTS) or not all(INTEGER.fullmatch(field) for field in fields):
+        return None
+    return Pulses(*map(int, fields[:AXES]))
 
 
 def parse_integer(line: str) -> int | None:
@@ -139,34 +188,28 @@ def parse_integer(line: str) -> int | None:
     return int(digits) if INTEGER.fullmatch(digits) else None
 
 
-def parse_flag(line: str) -> bool | None:
-    """0 or 1, for the whole robot, with or without one digit per axis behind it (`1 1,1,1,1`)."""
-    found = STATE_AND_AXES.fullmatch(line.strip())
-    return found[1] == "1" if found else None
+def parse_leading_integer(line: str) -> int | None:
+    """A whole number, alone or before what a comma or a stroke parts from it (`100/50,20`)."""
+    return parse_integer(re.split("[,/]", line, maxsplit=1)[0])
 
 
-def parse_alarm(line: str) -> str | None:
-    """The alarm's code as text, "" for `0.0`."""
-    code = parse_failure(line)
-    if code is None or not line.strip()[0].isdigit():
-        return None
-    return "" if code == (0, 0) else str(code)
+def parse_byte(line: str) -> int | None:
+    """The eight bits of a port."""
+    value = parse_integer(line)
+    return value if value is not None and 0 <= value <= 255 else None
 
 
-STATUS_QUERIES = ("MODE", "EMG", "ALM", "MOTOR", "SERVO", "ORIGIN")
+def parse_flag_alone(line: str) -> bool | None:
+    """0 or 1."""
+    return {"0": False, "1": True}.get(line.strip())
 
 
-def parse_status(answers: tuple[str, ...]) -> RobotStatus | None:
-    """The answers to STATUS_QUERIES in their order; None when one of them cannot be read."""
-    mode, motor = parse_integer(answers[0]), parse_integer(answers[3])
-    emergency, alarm = parse_flag(answers[1]), parse_alarm(answers[2])
-    servo, origin = parse_flag(answers[4]), parse_flag(answers[5])
-    if mode is None or motor is None or emergency is None or alarm is None or servo is None or origin is None:
-        return None
-    return RobotStatus(mode, emergency, alarm, motor in (1, 2), servo, origin)
-
-
-# -- sent ----------------------------------------------------------------------------------------------------
+def parse_hand(line: str) -> int | None:
+    """RIGHTY or LEFTY, by number or by name; 0 when the controller says neither."""
+    text = line.strip().upper()
+    if text in ("0", "1", "2"):
+        return int(text)
+    return {"RIGHTY": RIGHTY, "LEFTY": LEFTY}.get(text)
 
 
 def command(text: str) -> str:
@@ -180,17 +223,3 @@ def command(text: str) -> str:
 def query(what: str) -> str:
     """Ask for a value."""
     return command(f"?{what}")
-
-
-def move(to: Point, *, hand: int, speed_pct: int, straight: bool) -> str:
-    """Go there, point to point or on a line. Numbers without a decimal point would be pulses."""
-    if not all(math.isfinite(number) for number in to):
-        raise ValueError(f"{to} is no position")
-    # adding 0.0 after rounding turns -0.000 into 0.000
-    numbers = " ".join(f"{round(number, 3) + 0.0:.3f}" for number in (*to, 0.0, 0.0))
-    return command(f"MOVE {'L' if straight else 'P'},{numbers} {hand},S={speed_pct}")
-
-
-def _alarm_meaning(alarm: str) -> str:
-    code = parse_failure(alarm)
-    return code.meaning if code else "no code"

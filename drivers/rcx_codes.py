@@ -1,4 +1,4 @@
-"""What the codes of an RCX340 or RCX320 mean, group and class. Pure data."""
+"""What the controllers' codes mean, group and class: of the newer generation, and of the older one. Pure data."""
 
 GROUPS = {
     0: "operation message",
@@ -20,15 +20,23 @@ GROUPS = {
     28: "driver interface",
 }
 
-CODES = {
+RCX3 = {
     (0, 2): "running",
     (0, 5): "busy",
     (0, 8): "try again",
     (0, 20): "command not allowed in this mode",
     (0, 21): "no control right, the pendant holds it",
     (0, 22): "blocked by a safety setting",
+    (1, 1): "program ended by CUT",
+    (1, 2): "program ended by EXIT TASK",
+    (1, 4): "programs ended by HALTALL",
+    (1, 5): "program ended by HALT",
+    (1, 6): "programs stopped by HOLDALL",
+    (1, 7): "program stopped by HOLD",
     (1, 8): "stop executed",
     (1, 10): "control right changed",
+    (1, 12): "program stopped, the key was let go",
+    (1, 100): "control power switched on",
     (2, 300): "standard coordinate missing",
     (2, 301): "coordinate calculation failed, the position is out of reach",
     (2, 303): "shift calculation failed",
@@ -92,6 +100,12 @@ CODES = {
     (6, 234): "port number error",
     (6, 252): "data out of range",
     (6, 253): "illegal point number",
+    (6, 254): "illegal shift number",
+    (6, 255): "illegal hand number",
+    (6, 256): "illegal pallet number",
+    (6, 257): "illegal axis number",
+    (6, 258): "illegal robot number",
+    (6, 259): "illegal task number",
     (6, 260): "string too long",
     (6, 261): "task stopped",
     (6, 262): "task does not exist",
@@ -120,10 +134,13 @@ CODES = {
     (10, 223): "axis disconnected",
     (10, 225): "controller disconnected",
     (10, 900): "turn the power on again",
+    (12, 75): "illegal remote command",
     (12, 400): "interlock: the stop input is on",
     (12, 401): "arm locked",
     (12, 500): "operation mode input changed",
     (12, 520): "24 V of the inputs and outputs low",
+    (12, 521): "24 V of the inputs and outputs too high",
+    (12, 522): "24 V of the standard inputs and outputs low",
     (12, 600): "emergency stop on",
     (12, 601): "illegal operation mode input",
     (14, 201): "communication error",
@@ -137,6 +154,10 @@ CODES = {
     (14, 441): "Ethernet link error",
     (14, 500): "send error",
     (14, 501): "receive error",
+    (14, 502): "framing error, the baud rates differ perhaps",
+    (14, 503): "parity error",
+    (14, 504): "overrun, flow control is not at work",
+    (14, 505): "break on the line",
     (17, 410): "absolute battery low",
     (17, 411): "absolute encoder error",
     (17, 412): "absolute count error",
@@ -166,10 +187,52 @@ CODES = {
     (22, 816): "controller too hot",
 }
 
-COLLISIONS = frozenset({"17.800", "17.801", "17.910", "17.911", "17.912", "17.915"})
-"""Overload and deviation of a motor: the arm has most likely hit something, and may not stand where it says."""
+_HIGHEST_SHIFTED = {3: 299, 4: 299, 5: 299, 6: 263, 14: 299}
+"""In these groups a class of the older generation is 200 lower, up to here (a manual shows 5.30 for 5.230)."""
+
+RCX2 = {
+    (group, number - 200): words
+    for (group, number), words in RCX3.items()
+    if 200 < number <= _HIGHEST_SHIFTED.get(group, 0)
+} | {
+    (0, 1): "origin incomplete",
+    (0, 5): "turn the power on again",
+    (0, 7): "stop executed",
+    (0, 16): "operation mode input changed",
+    (2, 1): "soft limit over",
+    (2, 2): "movable range over",
+    (2, 3): "standard coordinate missing",
+    (2, 4): "coordinate calculation failed, the position is out of reach",
+    (2, 5): "shift calculation failed",
+    (2, 6): "hand calculation failed",
+    (2, 7): "illegal pallet parameter",
+    (2, 8): "movable range calculation failed",
+    (2, 10): "X outside the shift range",
+    (2, 11): "Y outside the shift range",
+    (2, 12): "Z outside the shift range",
+    (2, 13): "R outside the shift range",
+    (2, 17): "bad arch condition",
+    (2, 18): "cannot move from right hand to left hand",
+    (2, 19): "cannot move from left hand to right hand",
+    (2, 20): "illegal hand type",
+    (2, 21): "illegal hand axis",
+    (9, 2): "point data destroyed",
+    (9, 4): "parameters destroyed",
+    (9, 6): "shift data destroyed",
+    (9, 7): "hand data destroyed",
+    (10, 1): "robot disconnected",
+    (12, 1): "emergency stop on",
+    (12, 2): "interlock: the stop input is on",
+    (12, 3): "arm locked",
+    (12, 31): "24 V of the inputs and outputs wrong",
+    (14, 23): "not allowed during an operation",
+    (14, 24): "not allowed while a program runs",
+    (14, 25): "command not allowed in this mode",
+    (17, 4): "motor overload",
+}
+"""The older generation. Most of it follows from the newer list; names of what is not here come from its groups."""
 
 
-def meaning(group: int, number: int) -> str:
-    """One readable phrase for any code, known or not."""
-    return CODES.get((group, number)) or f"{GROUPS.get(group, 'unknown group')}, see the controller's manual"
+def meaning(codes: dict[tuple[int, int], str], group: int, number: int) -> str:
+    """One readable phrase for any code, in the list or not."""
+    return codes.get((group, number)) or f"{GROUPS.get(group, 'unknown group')}, see the controller's manual"

@@ -1,4 +1,4 @@
-"""The SCARA: verbs over its RCX340 controller.
+"""The SCARA: verbs over its RCX controller, of either generation.
 
 A verb says what shall be, so it may be repeated. Success of a move is its END *and* the position read back *and* the
 elbow on the right side. A motion is never repeated here. After LinkLost, NoAnswer or Garbled the link is down and
@@ -7,292 +7,230 @@ elbow on the right side. A motion is never repeated here. After LinkLost, NoAnsw
 
 import asyncio
 import contextlib
-import math
-from collections.abc import Callable
-from typing import TypeVar
+from collections.abc import Sequence
+from typing import NamedTuple
 
 from drivers import rcx
-from drivers.conversation import Conversation, refusal, uncancelled
-from drivers.errors import DeviceError, LinkLost, Mismatch, NoAnswer, Refused
-from drivers.rcx import LEFTY, RIGHTY, Point, Position, RobotStatus
+from drivers.controller import Controller
+from drivers.errors import LinkLost, Refused
+from drivers.motion import YK400XG, Dynamics
+from drivers.rcx import LEFTY, RIGHTY, Arch, Mode, Motion, Point, Position, Ramps, RobotStatus, parse_failure
+from drivers.rcx2 import Rcx2
+from drivers.rcx3 import Rcx3
+from drivers.rcx_dialect import Dialect
 from drivers.reach import Limits
+from drivers.robot_files import Files, Points, Programs
+from drivers.robot_jog import Pendant
+from drivers.robot_motion import HEAVY_KG, Motions
+from drivers.robot_ports import Ports
+from drivers.robot_setup import Setup
 
-__all__ = ["LEFTY", "RIGHTY", "Limits", "Point", "Robot", "RobotStatus"]
+__all__ = ["LEFTY", "RIGHTY", "Arch", "Identity", "Leg", "Limits", "Mode", "Point", "Ramps", "Robot", "RobotStatus"]
 
-T = TypeVar("T")
-
-TOLERANCE_MM = TOLERANCE_DEG = 0.02
-SETTLE_S = 0.5  # END may come while the arm still creeps inside the controller's tolerance
-STAND_S = 5.0
-LOOK_AGAIN_S = 0.005
-POWER_S = 10.0
-AUTOMATIC_SPEED_PCT = 100  # each move says its own share of it
-# Deadlines: full speeds that even a heavily loaded arm keeps, time to start and stop, and the controller's slack.
-SURE_MM_PER_S, SURE_LINE_MM_PER_S, SURE_Z_MM_PER_S, SURE_DEG_PER_S = 600.0, 300.0, 300.0, 200.0
-RAMPS_S, SLACK_S = 1.0, 2.0
-ELBOW_SWING_DEG = 360.0  # an elbow that changes sides: both arms, and the tool which turns back
+DIALECTS: dict[str, Dialect] = {"rcx3": Rcx3(), "rcx2": Rcx2()}
+FULL = Ramps()
+ALARM_RESET_S = 10.0
 LONGEST_TEXT = 200
 OPEN_PAUSES_S = (0.05, 0.1, 0.2, 0.4, 0.0)  # the controller may not have noticed that its last client left
 
 
-class Robot:
-    """One controller on `tcp://HOST:PORT` or `serial:/dev/...?baud=9600&parity=odd&flow=xonxoff`."""
+class Leg(NamedTuple):
+    """One stretch of a way."""
 
-    def __init__(self, address: str, *, limits: Limits, device: str = "robot", hand: int = RIGHTY) -> None:
+    to: Point
+    speed_pct: int
+    straight: bool = False
+
+
+class Identity(NamedTuple):
+    """What the controller tells of itself; "" for what it does not. The protocol knows no serial number."""
+
+    version: str
+    configuration: str
+
+    def __str__(self) -> str:
+        return ", ".join(told for told in self if told) or "does not say"
+
+
+class Robot:
+    """One controller on `tcp://HOST:PORT` or `serial:/dev/...?baud=9600&parity=odd&flow=xonxoff`.
+
+    `payload_kg` is what the controller is told that the arm carries; None leaves that to its parameters. What the arm
+    can do, `dynamics`, gives each move its deadline.
+    """
+
+    def __init__(
+        self,
+        address: str,
+        *,
+        limits: Limits,
+        dialect: str = "rcx3",
+        device: str = "robot",
+        hand: int = RIGHTY,
+        payload_kg: float | None = None,
+        dynamics: Dynamics = YK400XG,
+    ) -> None:
         self.limits = limits
         self.device = device
+        self.dialect = DIALECTS[dialect]
         self._hand = hand
-        self._talk = Conversation(address, device=device)
-        self._turn = asyncio.Lock()
-        self._status: RobotStatus | None = None
-        self._position: Position | None = None
-        self._prepared = False
-        self._unfinished = False
+        self._controller = Controller(address, self.dialect, device=device)
+        self._setup = Setup(self._controller, limits, payload_kg)
+        loaded = dynamics.at_payload(HEAVY_KG if payload_kg is None else payload_kg)
+        self._motions = Motions(self._controller, limits, loaded, self._setup.do)
+        self.pendant = Pendant(self._controller, limits, self._motions)
+        self.ports = Ports(self._controller)
+        self.files = Files(self._controller)
+        self.points = Points(self._controller)
+        self.programs = Programs(self._controller)
 
     @property
     def unfinished(self) -> bool:
         """Whether a motion is under way, or the last one did not reach its target."""
-        return self._unfinished
+        return self._motions.unfinished
 
     @property
     def is_open(self) -> bool:
         """Whether the link stands; a verb on one that does not raises LinkLost."""
-        return self._talk.is_open
+        return self._controller.talk.is_open
 
     async def open(self) -> None:
         """Connect, stop what runs, wait until the arm stands, read status and position, set up the controller.
 
         Raises LinkLost, NoAnswer, Garbled, Refused, Mismatch. Moves nothing.
         """
-        async with self._turn:
+        async with self._controller.turn:
             self._forget()
             try:
                 await self._greet()
                 await self._resynchronise()
-                await self._stand()
-                await self._read_status()
-                await self._prepare()
+                await self._setup.check_place(await self._motions.stand())
+                if (await self._controller.status()).mode is Mode.AUTOMATIC:
+                    await self._setup.do()
             except BaseException:
-                await self._talk.close()
+                await self._controller.talk.close()
                 raise
 
     async def close(self) -> None:
-        """Hang up. May be called at any time, also twice."""
+        """Stop what moves and hang up. May be called at any time, also twice."""
         self._forget()
-        await self._talk.close()
+        await self._controller.talk.close()
+
+    # -- asking ------------------------------------------------------------------------------------------
 
     async def status(self) -> RobotStatus:
-        """Ask the controller how it is, also while the arm moves."""
-        return await self._read_status()
+        """Ask the controller how it is; the newer generation answers also while the arm moves."""
+        return await self._controller.status()
 
     async def here(self) -> Point:
-        """Where the arm is, also while it moves."""
-        return (await self._read_position()).point
+        """Where the arm is; the newer generation answers also while it moves."""
+        return (await self._controller.where()).point
 
     async def posture(self) -> Position:
-        """Where the arm is and on which side its elbow (`hand`), also while it moves."""
-        return await self._read_position()
+        """Where the arm is and on which side its elbow (`hand`); the newer generation answers also while it moves."""
+        return await self._controller.where()
 
-    async def identity(self) -> str:
-        """What the controller tells of itself, for records: version and robot. The protocol knows no serial number."""
-        told = []
+    async def identity(self) -> Identity:
+        """What the controller tells of itself, for records: version and robot."""
+        told = {}
         for what in ("VER", "CONFIG"):
             with contextlib.suppress(Refused):  # firmware that does not know the question
-                told += [_printable(line) for line in await self._talk.ask(rcx.query(what))]
-        return ", ".join(told) or "does not say"
+                lines = await self._controller.talk.ask(rcx.query(what))
+                told[what] = ", ".join(_printable(line) for line in lines)
+        return Identity(told.get("VER", ""), told.get("CONFIG", ""))
+
+    # -- power -------------------------------------------------------------------------------------------
 
     async def power_on(self) -> None:
-        """Motor power and servo on. Raises Refused, NoAnswer, LinkLost, Garbled."""
-        async with self._turn:
-            status = await self._read_status()
-            if status.motor_on and status.servo_on:
-                return
-            await self._operate("MOTOR ON", within_s=POWER_S)
-            status = await self._read_status()
+        """Motor power and servo on, everything set up. Raises Refused, NoAnswer, LinkLost, Garbled, Mismatch."""
+        async with self._controller.turn:
+            self._setup.done = False  # a person may have changed the speed meanwhile
+            status = await self._controller.status()
             if not (status.motor_on and status.servo_on):
-                raise NoAnswer(self.device, f"MOTOR ON had no effect: {status.why_not_ready}")
+                await self._controller.power(on=True)
+            if status.mode is Mode.AUTOMATIC:
+                await self._setup.do()
 
     async def reset_alarm(self) -> None:
         """Clear an alarm whose cause is gone. Raises Refused with the alarm's code while it stands."""
-        async with self._turn:
-            if not (await self._read_status()).alarm:
+        async with self._controller.turn:
+            if not (await self._controller.status()).alarm:
                 return
-            await self._operate("ALMRST", within_s=POWER_S)
-            status = await self._read_status()
+            await self._controller.operate(self.dialect.alarm_reset, within_s=ALARM_RESET_S)
+            status = await self._controller.status()
             if status.alarm:
-                raise refusal(self.device, status.alarm, f"the alarm stands: {status.why_not_ready}")
+                raise self._controller.talk.refusal(
+                    parse_failure(status.alarm), f"the alarm stands: {status.why_not_ready}"
+                )
 
-    async def move(self, to: Point, *, speed_pct: int, straight: bool = False, hand: int | None = None) -> Point:
-        """Move point to point (or on a line) and return the position read back, within 0.02 mm and 0.02 deg.
+    # -- motion ------------------------------------------------------------------------------------------
+
+    async def move(
+        self,
+        to: Point,
+        *,
+        speed_pct: int,
+        straight: bool = False,
+        hand: int | None = None,
+        ramps: Ramps = FULL,
+        arch: Arch | None = None,
+    ) -> Point:
+        """Move point to point (on a line, over an arch) and return the position read back, within 0.02 mm and 0.02 deg.
 
         The elbow goes to the side of `hand` (RIGHTY, LEFTY), which only a motion point to point can change.
         A target outside `limits` or a robot that is not ready raises Refused before anything is sent; else Refused
-        (the controller's code), NoAnswer (deadline, or not at the target), LinkLost, Garbled. When cancelled it
-        stops the arm, waits until it stands, and lets the cancellation go on.
+        (the controller's code), NoAnswer (deadline, or not at the target), Disturbed, LinkLost, Garbled. When
+        cancelled it stops the arm, waits until it stands, and lets the cancellation go on.
         """
-        async with self._turn:
-            hand = hand or self._hand
-            self._check_target(to, speed_pct, straight, hand)
-            await self._be_ready()
-            line = rcx.move(to, hand=hand, speed_pct=speed_pct, straight=straight)
-            self._unfinished = True
-            try:
-                await self._talk.operate(line, within_s=self._longest_s(to, speed_pct, straight, hand))
-                there = await self._arrived(line, to, hand)
-            except asyncio.CancelledError:
-                self._status = None
-                await uncancelled(self._stand_or_hang_up())
-                raise
-            except DeviceError:
-                self._status = None  # whatever it was, ask again before the next motion
-                raise
-            self._unfinished = False
-            return there
+        async with self._controller.turn:
+            return await self._motions.run([Motion(to, hand or self._hand, speed_pct, straight, ramps, arch)])
+
+    async def move_through(self, legs: Sequence[Leg], *, hand: int | None = None) -> Point:
+        """Move along these without a stop between them; only the end is exact, and only it is read back.
+
+        Each leg but the last may be left before its end is quite reached. Raises as `move`, and ValueError for no legs.
+        """
+        if not legs:
+            raise ValueError("a way has at least one leg")
+        motions = [Motion(leg.to, hand or self._hand, leg.speed_pct, leg.straight, blends=True) for leg in legs[:-1]]
+        end = legs[-1]
+        async with self._controller.turn:
+            return await self._motions.run([*motions, Motion(end.to, hand or self._hand, end.speed_pct, end.straight)])
 
     async def halt(self) -> None:
         """Stop the arm at once, out of turn. The move under way raises Refused. Raises LinkLost."""
-        self._talk.stop()
+        self._controller.talk.stop()
 
-    # -- opening -----------------------------------------------------------------------------------------
+    # -- details -----------------------------------------------------------------------------------------
 
     async def _greet(self) -> None:
+        talk = self._controller.talk
         for pause_s in OPEN_PAUSES_S:
-            await self._talk.open()
-            await self._talk.quiet()
-            if self._talk.is_open:
+            await talk.open()
+            await talk.quiet()
+            if talk.is_open:
                 return
             await asyncio.sleep(pause_s)
         raise LinkLost(self.device, "it hangs up at once: does another client hold the connection?")
 
     async def _resynchronise(self) -> None:
         """Stop what runs, then ask until question and answer belong together."""
-        self._talk.stop()
-        await self._talk.quiet()
+        talk, first = self._controller.talk, self.dialect.first_query
+        talk.stop()
+        await talk.quiet()
+        for setting in () if talk.is_serial else self.dialect.before_talk:
+            with contextlib.suppress(Refused):
+                await self._controller.set(setting)
         with contextlib.suppress(Refused):  # a first command may earn "communication disconnected", once
-            await self._talk.ask(rcx.query("MODE"))
-        await self._value("MODE", rcx.parse_integer)
-
-    async def _prepare(self) -> None:
-        """Robot coordinates of the bare flange, full automatic speed. Only possible with the control right."""
-        if self._prepared or self._status is None or self._status.mode != rcx.AUTO_RELEASED:
-            return
-        for setting in ("CHANGE OFF", "SHIFT OFF", f"ASPEED {AUTOMATIC_SPEED_PCT}"):
-            await self._set(setting)
-        speed_pct = await self._value("ASPEED", rcx.parse_integer)
-        if speed_pct != AUTOMATIC_SPEED_PCT:
-            raise Mismatch(self.device, f"automatic speed is {speed_pct} %, not {AUTOMATIC_SPEED_PCT} %")
-        self._prepared = True
-
-    # -- moving ------------------------------------------------------------------------------------------
-
-    def _check_target(self, to: Point, speed_pct: int, straight: bool, hand: int) -> None:
-        if not 1 <= speed_pct <= 100:
-            raise Refused(self.device, "speed", f"speed {speed_pct} % is outside 1 .. 100 %")
-        objection = self.limits.objection(to, hand=hand)
-        if not objection and straight and self._position is not None:
-            objection = self.limits.objection_to_line(self._position.point, to)
-        if objection:
-            raise Refused(self.device, "limits", objection)
-
-    async def _be_ready(self) -> None:
-        if self._status is None or not self._status.ready:
-            status = await self._read_status()
-            if not status.ready:
-                raise refusal(self.device, status.alarm or "not ready", status.why_not_ready)
-        await self._prepare()
-        if self._position is None:
-            await self._read_position()
-
-    def _longest_s(self, to: Point, speed_pct: int, straight: bool, hand: int) -> float:
-        """The time after which the move has failed: distance over a speed that is surely reached, ramps, slack."""
-        start = self._position.point if self._position is not None else to
-        across_mm = math.dist(start[:2], to[:2])
-        swing_deg = 0.0 if self._position is None or self._position.hand == hand else ELBOW_SWING_DEG
-        full_s = max(
-            across_mm / (SURE_LINE_MM_PER_S if straight else SURE_MM_PER_S),
-            abs(to.z_mm - start.z_mm) / SURE_Z_MM_PER_S,
-            # the tool's axis also turns back what the arms turn it by
-            (abs(to.r_deg - start.r_deg) + across_mm + swing_deg) / SURE_DEG_PER_S,
-        )
-        return full_s * (100 / speed_pct) + RAMPS_S + SLACK_S
-
-    async def _arrived(self, line: str, to: Point, hand: int) -> Point:
-        deadline_s = asyncio.get_running_loop().time() + SETTLE_S
-        while True:
-            position = await self._read_position()
-            if _at(position, to, hand):
-                return position.point
-            if asyncio.get_running_loop().time() > deadline_s:
-                side = {RIGHTY: "righty", LEFTY: "lefty"}.get(position.hand, "unknown")
-                raise NoAnswer(self.device, f"{line} ended, but the arm stands at {position.point}, hand {side}")
-            await asyncio.sleep(LOOK_AGAIN_S)
-
-    async def _stand_or_hang_up(self) -> None:
-        try:
-            await self._stand()
-        except DeviceError:
-            with contextlib.suppress(DeviceError):
-                await self._talk.close()
-
-    async def _stand(self) -> None:
-        """Wait until two readings of the position agree."""
-        deadline_s = asyncio.get_running_loop().time() + STAND_S
-        before = await self._read_position()
-        while True:
-            await asyncio.sleep(LOOK_AGAIN_S)
-            now = await self._read_position()
-            if now == before:
-                return
-            if asyncio.get_running_loop().time() > deadline_s:
-                raise NoAnswer(self.device, f"the arm does not come to rest, it is at {now.point}")
-            before = now
-
-    # -- asking ------------------------------------------------------------------------------------------
-
-    async def _read_status(self) -> RobotStatus:
-        answers = [await self._value(what, str) for what in rcx.STATUS_QUERIES]
-        status = rcx.parse_status(tuple(answers))
-        if status is None:
-            raise self._talk.garbled("the status queries", answers)
-        self._status = status
-        return status
-
-    async def _read_position(self) -> Position:
-        self._position = await self._value("WHRXY", rcx.parse_position)
-        return self._position
-
-    async def _value(self, what: str, parse: Callable[[str], T | None]) -> T:
-        line = rcx.query(what)
-        answer = await self._talk.ask(line)
-        value = parse(answer[0]) if len(answer) == 1 else None
-        if value is None:
-            raise self._talk.garbled(line, answer)
-        return value
-
-    async def _set(self, setting: str) -> None:
-        line = rcx.command(setting)
-        if answer := await self._talk.ask(line):
-            raise self._talk.garbled(line, answer)
-
-    async def _operate(self, text: str, *, within_s: float) -> None:
-        self._status = None
-        await self._talk.operate(rcx.command(text), within_s=within_s)
+            await talk.learn(rcx.query(first))
+        await self._controller.value(first, str)
 
     def _forget(self) -> None:
-        self._status = self._position = None
-        self._prepared = False
+        self._controller.forget()
+        self._setup.done = False
 
 
 def _printable(line: str) -> str:
     """A line of text as it may go into a record."""
     letters = line.strip()[:LONGEST_TEXT]
     return "".join(letter if letter.isascii() and letter.isprintable() else "?" for letter in letters)
-
-
-def _at(position: Position, to: Point, hand: int) -> bool:
-    there = position.point
-    return (
-        all(abs(a - b) <= TOLERANCE_MM for a, b in zip(there[:3], to[:3], strict=True))
-        and abs(there.r_deg - to.r_deg) <= TOLERANCE_DEG
-        and position.hand == hand
-    )

@@ -1,4 +1,4 @@
-"""A simulated cell for any client: `python -m simulators --product recipes/x85.toml`; or `... robot`, that alone."""
+"""A simulated cell for any client: `python -m simulators --product recipes/x85.toml`; or `robot` or `camera` alone."""
 
 import argparse
 import asyncio
@@ -9,6 +9,7 @@ from pathlib import Path
 import cv2
 
 from simulators.cell import Addresses, SimulatedCell
+from simulators.lone_camera import main as camera_main
 from simulators.person import Person
 from simulators.product import load_product
 from simulators.robot.__main__ import CONTROLLERS
@@ -21,6 +22,8 @@ def main() -> int:
     """Run until SIGINT or SIGTERM."""
     if sys.argv[1:2] == ["robot"]:
         return robot_main(sys.argv[2:])
+    if sys.argv[1:2] == ["camera"]:
+        return camera_main(sys.argv[2:])
     options = _parser().parse_args()
     world = World(options.seed, load_product(options.product), speed=options.speed)
     if options.pictures is not None:
@@ -39,8 +42,8 @@ def main() -> int:
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="cellctl simulate",
-        description="A simulated cell: PLC (Modbus TCP), robot, two GigE Vision cameras, one world. "
-        "The robot alone: cellctl simulate robot --help.",
+        description="A simulated cell: PLC (Modbus TCP), robot, two cameras (GigE Vision or V4L2), one world. "
+        "The robot alone: cellctl simulate robot --help. A camera alone: cellctl simulate camera --help.",
     )
     parser.add_argument("--product", type=Path, default=Path("recipes/x85.toml"), help="recipe file with the drawing")
     parser.add_argument("--seed", type=int, default=1, help="which cell: mounts, lenses, parts and scatter")
@@ -49,8 +52,8 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--robot", type=host_port, default="127.0.0.1:10023", metavar="HOST:PORT")
     parser.add_argument("--robot-serial", type=int, metavar="BAUD", help="offer the robot on a pseudo terminal, too")
     parser.add_argument("--robot-dialect", choices=("rcx3", "rcx2"), default="rcx3", help="an RCX340 or an RCX240")
-    parser.add_argument("--camera-1", default="127.0.0.2", metavar="IP")
-    parser.add_argument("--camera-2", default="127.0.0.3", metavar="IP")
+    parser.add_argument("--camera-1", default="127.0.0.2", metavar="IP|PATH", help="GigE Vision, or a V4L2 file")
+    parser.add_argument("--camera-2", default="127.0.0.3", metavar="IP|PATH", help="the same")
     parser.add_argument("--pictures", type=Path, help="folder that gets every picture that a camera takes, as TIFF")
     parser.add_argument("--person", type=Path, help="unix socket for the person at the cell (JSON lines)")
     return parser
@@ -81,8 +84,9 @@ async def _serve(world: World, addresses: Addresses, person: Path | None, album:
         print(f"robot     {robot}        {addresses.robot_host}:{cell.robot.port}")
         if addresses.robot_serial_baud:
             print(f"robot     {robot}        serial:{cell.robot.tty}?baud={addresses.robot_serial_baud}")
-        print(f"camera 1  GigE Vision   {addresses.camera_1} (SIM-CAM-1)")
-        print(f"camera 2  GigE Vision   {addresses.camera_2} (SIM-CAM-2)")
+        for number, address in enumerate((addresses.camera_1, addresses.camera_2), 1):
+            kind = "V4L2       " if address.startswith("/") else "GigE Vision"
+            print(f"camera {number}  {kind}   {address} (SIM-CAM-{number})")
         print(f"world     seed {world.seed}, speed {world.clock.speed:g}; stop with Ctrl-C", flush=True)
         with suppress(asyncio.CancelledError):
             await until_stopped()

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from simulators.clock import Clock
-from simulators.moves import Leg, Order, Plan, added, plan
+from simulators.moves import Go, Leg, Order, Plan, added, plan
 from simulators.profile import at_rest
 from simulators.scara import SAME_MM, YK400XG, Hand, Joints, Scara, ToolPose, Unreachable, forward, inverse
 from simulators.ways import JointWay, Pace, between
@@ -40,14 +40,15 @@ class Miss(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Motion:
-    """A plan under way or done; `blends` lets the next one begin before it has ended."""
+    """A plan under way or done; `blends` lets the next one begin before it has ended, `sinks` is no motor's doing."""
 
     plan: Plan
     before: Miss
     after: Miss
-    swing: float
-    blends: bool
-    from_rest: bool
+    swing: float = 0.0
+    blends: bool = False
+    from_rest: bool = True
+    sinks: bool = False
 
 
 class Arm:
@@ -84,7 +85,7 @@ class Arm:
         joints = scara.inverse(start, Hand.RIGHTY)
         resting = Plan(joints, (Leg(JointWay(joints, joints), at_rest(), math.inf),), 0.0)
         miss = self._scatter((0.0, 0.0, 0.0))
-        self._motions = deque([Motion(resting, miss, miss, 0.0, blends=False, from_rest=True)])
+        self._motions = deque([Motion(resting, miss, miss)])
 
     # -- where it is -------------------------------------------------------------------------------------
 
@@ -120,44 +121,62 @@ class Arm:
         """Whether a motion is under way."""
         return any(motion.plan.begin_s <= world_s < motion.plan.end_s for motion in self._running_at(world_s))
 
+    def driven_at(self, world_s: float) -> bool:
+        """Whether its motors move it."""
+        return self.moving_at(world_s) and not self._running_at(world_s)[-1].sinks
+
     def arrives(self, planned: Plan) -> bool:
         """Whether the last motion ends where it was planned to: nothing has stopped it."""
         return math.dist(self.joints_at(planned.end_s), planned.end) < SAME_MM
 
     # -- what it does ------------------------------------------------------------------------------------
 
-    def start(self, order: Order, pace: Pace = FULL_PACE, *, blends: bool = False) -> Plan:
+    def start(self, order: Order, pace: Pace = FULL_PACE, *, blends: bool = False, follows: bool = False) -> Plan:
         """Begin now, from standing or out of a motion that blends, and return the plan.
 
-        Raises Unreachable; RuntimeError when the arm moves or has no power.
+        `follows`: when another motion is under way, begin at its end. Raises Unreachable; RuntimeError when the arm
+        moves or has no power.
         """
         now_s = self._clock.now()
         last, moving = self._motions[-1], self.moving_at(now_s)
-        if not self.powered or (moving and not last.blends):
+        joins = moving and last.blends
+        if not self.powered or (moving and not joins and not follows):
             raise RuntimeError("the arm is moving" if self.powered else "the arm has no power")
         begins = last.plan.end if moving else self.joints_at(now_s)
-        planned = plan(order, begins, self.scara, pace, now_s)
-        if moving:
+        planned = plan(order, begins, self.scara, pace, now_s if joins or not moving else last.plan.end_s)
+        if joins:
             planned = replace(planned, not_before_s=last.plan.end_s)
         before = last.after if moving else self._miss_at(now_s)
         self._stops += 1
         after = self._scatter(planned.approach((before.from_x, before.from_y, before.from_r)))
         swing = max(planned.steepness / self.scara.quickness(self.payload_kg) - 1, 0.0)
         self._forget(now_s)
-        self._motions.append(Motion(planned, before, after, swing, blends, from_rest=not moving))
+        self._motions.append(Motion(planned, before, after, swing, blends, from_rest=not joins))
         return planned
 
     def halt(self, at_s: float | None = None, *, hard: bool = False) -> float:
         """Brake at full deceleration (or stop dead, when hard), now or at a time to come.
 
-        Returns the world time of standing.
+        Only a hard stop keeps an axis from sinking. Returns the world time of standing.
         """
         from_s = self._clock.now() if at_s is None else at_s
+        while self._motions[-1].plan.begin_s > from_s and (hard or not self._motions[-1].sinks):
+            self._motions.pop()
         for index, motion in enumerate(self._motions):
-            if motion.plan.end_s > from_s:
+            if motion.plan.end_s > from_s and (hard or not motion.sinks):
                 stopped = motion.plan.stopped(from_s, hard=hard)
                 self._motions[index] = replace(motion, plan=stopped, blends=False)
         return max(from_s, *(motion.plan.end_s for motion in self._motions))
+
+    def sink(self, by_mm: float, mm_per_s: float) -> None:
+        """Nothing holds the third axis: from where the arm comes to rest it sinks so far, or to its stroke's end."""
+        stands_s = self.halt()
+        joints = self.joints_at(stands_s)
+        below = joints._replace(z_mm=min(joints.z_mm + by_mm, self.scara.highest.z_mm))
+        if below.z_mm - joints.z_mm > SAME_MM:
+            planned = plan(Go(below), joints, self.scara, Pace(mm_per_s / self.scara.fastest[2]), stands_s)
+            miss = self._miss_at(stands_s)
+            self._motions.append(Motion(planned, miss, miss, sinks=True))
 
     def power(self, on: bool) -> None:
         """Switch the motors; off stops the arm and sets the brakes."""

@@ -12,14 +12,20 @@ from simulators.eyes import Eye
 from simulators.gige import GigeCameraServer
 from simulators.plc import PlcServer
 from simulators.robot import RobotController, Wiring
+from simulators.v4l2 import Device, V4l2CameraServer
 from simulators.world import World
 
 VACUUM_SWITCH_KPA = -40.0
+CameraServer = GigeCameraServer | V4l2CameraServer
 
 
 @dataclass(frozen=True)
 class Addresses:
-    """Where the devices listen. Port 0 = any free port; a camera's GVCP port is always 3956."""
+    """Where the devices listen. Port 0 = any free port; a camera's GVCP port is always 3956.
+
+    A camera's is an IP address (GigE Vision), the absolute path of a file that stands for a device node (V4L2), or ""
+    for a V4L2 camera that is opened from this process only.
+    """
 
     plc_host: str = "127.0.0.1"
     plc_port: int = 5020
@@ -49,6 +55,14 @@ def robot_wiring(world: World) -> Wiring:
     )
 
 
+def _camera(number: int, address: str, eye: Eye, world: World) -> CameraServer:
+    serial = f"SIM-CAM-{number}"
+    if not address or address.startswith("/"):
+        path = Path(address) if address else None
+        return V4l2CameraServer(Device(serial), eye, world.clock, path=path)
+    return GigeCameraServer(address, serial, eye, world.clock, name=f"camera {number}")
+
+
 class SimulatedCell:
     """All devices of one cell; an async context manager. `album` is a folder that gets every picture that is taken."""
 
@@ -64,8 +78,8 @@ class SimulatedCell:
             wiring=robot_wiring(world),
         )
         self._eyes = Eye(world, 1, album), Eye(world, 2, album)
-        self.cameras = {
-            number: GigeCameraServer(address, f"SIM-CAM-{number}", eye, world.clock, name=f"camera {number}")
+        self.cameras: dict[int, CameraServer] = {
+            number: _camera(number, address, eye, world)
             for number, (address, eye) in enumerate(
                 zip((addresses.camera_1, addresses.camera_2), self._eyes, strict=True), 1
             )

@@ -9,7 +9,18 @@ import io
 import zipfile
 from typing import NamedTuple
 
-MONO8 = 0x01080001  # pixel format code of the GigE Vision standard
+MONO8 = 0x01080001
+PIXEL_FORMATS = {  # codes of the GigE Vision standard and of PFNC
+    "Mono8": MONO8,
+    "Mono10": 0x01100003,
+    "Mono10Packed": 0x010C0004,
+    "Mono10p": 0x010A0046,
+    "Mono12": 0x01100005,
+    "Mono12Packed": 0x010C0006,
+    "Mono12p": 0x010C0047,
+    "Mono16": 0x01100007,
+}
+BITS_PER_PIXEL = 16  # where a format's code says how many bits a pixel takes
 XML_ADDRESS = 0x80000
 XML_NAME = "cellctl_camera"
 WIDTH_STEP_PX = 4
@@ -34,7 +45,7 @@ TICKS_PER_S = 1_000_000_000
 
 
 class Register(NamedTuple):
-    """One 32-bit register. `locked`: not to be written while pictures are being taken."""
+    """One 32-bit register. `locked`: not to be written while pictures are being taken; `only`: what it may be."""
 
     address: int
     start: int = 0
@@ -43,6 +54,7 @@ class Register(NamedTuple):
     step: int = 1
     writable: bool = True
     locked: bool = False
+    only: frozenset[int] | None = None
 
 
 def registers(sensor: tuple[int, int], largest_packet: int) -> dict[str, Register]:
@@ -53,7 +65,11 @@ def registers(sensor: tuple[int, int], largest_packet: int) -> dict[str, Registe
         "Height": Register(0x10004, height, SMALLEST_HEIGHT_PX, height, HEIGHT_STEP_PX, locked=True),
         "OffsetX": Register(0x10008, 0, 0, width - SMALLEST_WIDTH_PX, WIDTH_STEP_PX),
         "OffsetY": Register(0x1000C, 0, 0, height - SMALLEST_HEIGHT_PX, HEIGHT_STEP_PX),
-        "PixelFormat": Register(0x10010, MONO8, MONO8, MONO8, locked=True),
+        "PixelFormat": Register(0x10010, MONO8, locked=True, only=frozenset(PIXEL_FORMATS.values())),
+        "BinningHorizontal": Register(0x10014, 1, 1, 1, locked=True),
+        "BinningVertical": Register(0x10018, 1, 1, 1, locked=True),
+        "ReverseX": Register(0x1001C, 0, 0, 1, locked=True),
+        "ReverseY": Register(0x10034, 0, 0, 1, locked=True),
         "AcquisitionMode": Register(0x10020, 0, 0, 0),
         "AcquisitionStart": Register(0x10024, 0, 0, 1),
         "AcquisitionStop": Register(0x10028, 0, 0, 1),
@@ -61,7 +77,8 @@ def registers(sensor: tuple[int, int], largest_packet: int) -> dict[str, Registe
         "FramePeriodUs": Register(0x10030, 100_000, 5_000, 10_000_000),
         "TriggerSelector": Register(0x10040, 0, 0, 0),
         "TriggerMode": Register(0x10044, 0, 0, 1),
-        "TriggerSource": Register(0x10048, 0, 0, 0),
+        "TriggerSource": Register(0x10048, 0, 0, 1),
+        "TriggerActivation": Register(0x1004C, 0, 0, 0),
         "TriggerSoftware": Register(0x10050, 0, 0, 1),
         "ExposureNs": Register(0x10060, 1_000_000, 10_000, 1_000_000_000),
         "ExposureAuto": Register(0x10064, 0, 0, 0),
@@ -89,10 +106,13 @@ CATEGORIES = {
         "DeviceVendorName DeviceModelName DeviceManufacturerInfo DeviceVersion DeviceID DeviceSerialNumber "
         "DeviceUserID DeviceTemperature"
     ),
-    "ImageFormatControl": ("SensorWidth SensorHeight WidthMax HeightMax Width Height OffsetX OffsetY PixelFormat"),
+    "ImageFormatControl": (
+        "SensorWidth SensorHeight WidthMax HeightMax Width Height OffsetX OffsetY PixelFormat "
+        "BinningHorizontal BinningVertical ReverseX ReverseY"
+    ),
     "AcquisitionControl": (
         "AcquisitionMode AcquisitionStart AcquisitionStop AcquisitionFrameRateEnable AcquisitionFrameRate "
-        "TriggerSelector TriggerMode TriggerSource TriggerSoftware ExposureTime ExposureAuto"
+        "TriggerSelector TriggerMode TriggerSource TriggerActivation TriggerSoftware ExposureTime ExposureAuto"
     ),
     "AnalogControl": "Gain GainAuto BlackLevel",
     "TransportLayerControl": (
@@ -110,16 +130,29 @@ TEXTS = {
     "DeviceUserID": (USER_NAME, 16, "RW"),
 }
 CHOICES = {
-    "PixelFormat": {"Mono8": MONO8},
+    "PixelFormat": PIXEL_FORMATS,
     "AcquisitionMode": {"Continuous": 0},
     "TriggerSelector": {"FrameStart": 0},
     "TriggerMode": {"Off": 0, "On": 1},
-    "TriggerSource": {"Software": 0},
+    "TriggerSource": {"Software": 0, "Line0": 1},
+    "TriggerActivation": {"RisingEdge": 0},
     "ExposureAuto": {"Off": 0},
     "GainAuto": {"Off": 0},
 }
 COMMANDS = {"AcquisitionStart": 1, "AcquisitionStop": 1, "TriggerSoftware": 1}
-INTEGERS = ("SensorWidth", "SensorHeight", "Width", "Height", "OffsetX", "OffsetY", "PayloadSize", "BlackLevel")
+INTEGERS = (
+    "SensorWidth",
+    "SensorHeight",
+    "Width",
+    "Height",
+    "OffsetX",
+    "OffsetY",
+    "PayloadSize",
+    "BlackLevel",
+    "BinningHorizontal",
+    "BinningVertical",
+)
+SWITCHES = ("AcquisitionFrameRateEnable", "ReverseX", "ReverseY")
 TRANSPORT_INTEGERS = ("GevSCPD", "GevHeartbeatTimeout")
 
 
@@ -216,7 +249,6 @@ def _transport(table: dict[str, Register]) -> list[str]:
 
 def _features(table: dict[str, Register], sensor: tuple[int, int]) -> list[str]:
     text = {"pPort": "Device"}
-    rate = table["AcquisitionFrameRateEnable"]
     return [
         *(
             _tag("StringReg", name, Address=hex(at), Length=length, AccessMode=access, **text)
@@ -228,8 +260,8 @@ def _features(table: dict[str, Register], sensor: tuple[int, int]) -> list[str]:
         *(_integer(name, table[name]) for name in INTEGERS + TRANSPORT_INTEGERS),
         *(_choice(name, table[name]) for name in CHOICES),
         *(_command(name, table[name].address, value) for name, value in COMMANDS.items()),
-        _tag("Boolean", "AcquisitionFrameRateEnable", pValue="AcquisitionFrameRateEnableReg"),
-        _register("AcquisitionFrameRateEnable", rate.address, "RW"),
+        *(_tag("Boolean", name, pValue=f"{name}Reg") for name in SWITCHES),
+        *(_register(name, table[name].address, "RW") for name in SWITCHES),
         _real("AcquisitionFrameRate", table["FramePeriodUs"], "Hz", "1000000 / FROM", "1000000 / TO"),
         _real("ExposureTime", table["ExposureNs"], "us", "FROM * 1000", "TO / 1000"),
         _real("Gain", table["GainMillidB"], "dB", "FROM * 1000", "TO / 1000"),

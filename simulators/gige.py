@@ -15,7 +15,8 @@ import numpy as np
 from simulators import genicam, gvcp
 from simulators.clock import Clock
 from simulators.gige_faults import Faults
-from simulators.gige_imaging import Counts, Exposure, Imaging, Seen, ticks
+from simulators.gige_formats import Seen
+from simulators.gige_imaging import LINE, SOFTWARE, Counts, Exposure, Imaging, ticks
 from simulators.gvcp import Command, Identity, Registers, Request, Status
 from simulators.gvsp import Target
 
@@ -40,8 +41,9 @@ class _Channel(asyncio.DatagramProtocol):
 class GigeCameraServer:
     """A camera at `ip` (any of 127.0.0.0/8), port 3956; use it as an async context manager or start() and close() it.
 
-    `picture` gets an Exposure in a worker thread and returns the (height, width) uint8 picture, which must not change
-    afterwards. An exception in it ends the camera's taking of pictures and is raised by close().
+    `picture` gets an Exposure in a worker thread and returns the (height, width) picture, uint8 or uint16 over the
+    whole range, which must not change afterwards. An exception in it ends the camera's taking of pictures and is
+    raised by close().
     """
 
     def __init__(
@@ -110,6 +112,10 @@ class GigeCameraServer:
         loop = asyncio.get_running_loop()
         transport, _protocol = await loop.create_datagram_endpoint(lambda: _Channel(received), sock=listener)
         return transport
+
+    def pulse_line(self) -> None:
+        """A rising edge at the hardware input Line0."""
+        self._imaging.trigger(LINE)
 
     def inject(self, fault: str, **params: object) -> None:
         """Put a fault in force (see Faults), or `release_control`; raises ValueError for what it cannot do."""
@@ -213,7 +219,7 @@ class GigeCameraServer:
         elif address == table["AcquisitionStop"].address:
             self._imaging.stop_acquisition()
         elif address == table["TriggerSoftware"].address:
-            self._imaging.trigger()
+            self._imaging.trigger(SOFTWARE)
 
     def _privilege(self, value: int, client: Target) -> Status:
         if self._controller not in (None, client):

@@ -15,21 +15,20 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from simulators import genicam, gvcp
 from simulators.clock import Clock
 from simulators.gige_faults import Faults
+from simulators.gige_formats import Seen, pack
 from simulators.gvcp import Registers, Resend
 from simulators.gvsp import Block, Order, Picture, Sender, Target, unavailable
 
 READ_OUT_S = 0.003  # world seconds from the end of exposure to the first line on the link
 WIRE_S_PER_BYTE = 8.25e-9  # 1 Gb/s and its overhead
 QUICK_S = 0.010  # wall seconds that sending takes here, well above the usual
+SOFTWARE, LINE = 0, 1  # trigger sources
 MOST_WAITING = 4  # exposed pictures that wait for the link; a real camera's buffer is as small
 CLOSE_WITHIN_S = 1.0
-
-Seen = NDArray[np.uint8]
 
 
 class Exposure(NamedTuple):
@@ -132,10 +131,11 @@ class Imaging:
             at_s = max(at_s + self.registers["FramePeriodUs"] / 1e6, self._clock.now())
             await self._clock.sleep_until(at_s)
 
-    def trigger(self) -> None:
-        """The software trigger."""
+    def trigger(self, source: int) -> None:
+        """A start signal from one of the sources, SOFTWARE or LINE."""
         self.counts.triggers += 1
-        if self.registers["TriggerMode"] and not self.faults.take("ignore_trigger"):
+        awaited = self.registers["TriggerMode"] and self.registers["TriggerSource"] == source
+        if awaited and not self.faults.take("ignore_trigger"):
             self._expose()
         else:
             self.counts.triggers_missed += 1
@@ -187,19 +187,24 @@ class Imaging:
         stale, true = self.faults.stale()
         if stale and self._previous is not None:
             await self._send(self._previous, shot)
-        exposure = shot.exposure
-        picture = Picture(seen, shot.ticks, exposure.offset_x, exposure.offset_y, seen.shape[0])
+        picture = self._as_sent(seen, shot)
         if true:
             await self._send(picture, shot)
         self._previous = picture
 
+    def _as_sent(self, seen: Seen, shot: _Shot) -> Picture:
+        pixel_format, exposure = self.registers["PixelFormat"], shot.exposure
+        place = exposure.offset_x, exposure.offset_y, exposure.width, seen.shape[0]
+        return Picture(pack(seen, pixel_format), shot.ticks, *place, pixel_format)
+
     def _render(self, exposure: Exposure) -> Seen:
         seen = self._picture(exposure)
-        if seen.shape != (exposure.height, exposure.width) or seen.dtype != np.uint8:
+        if seen.shape != (exposure.height, exposure.width) or seen.dtype not in (np.uint8, np.uint16):
             raise ValueError(
                 f"the camera was given a picture {seen.shape} {seen.dtype}, "
-                f"and it must be {(exposure.height, exposure.width)} uint8"
+                f"and it must be {(exposure.height, exposure.width)} uint8 or uint16"
             )
+        seen = seen[:: -1 if self.registers["ReverseY"] else 1, :: -1 if self.registers["ReverseX"] else 1]
         return seen[: len(seen) // 2] if self.faults.take("wrong_size") else seen
 
     # Onto the wire

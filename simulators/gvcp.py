@@ -226,7 +226,8 @@ class Registers:
         status = self._fits(register, value, busy=busy)
         if not status:
             self._set(address, value)
-            self["PayloadSize"] = self["Width"] * self["Height"]
+            bits = self["PixelFormat"] >> genicam.BITS_PER_PIXEL & 0xFF
+            self["PayloadSize"] = (self["Width"] * self["Height"] * bits + 7) // 8
         return status
 
     def _set_packet(self, register: Register, value: int) -> Status:
@@ -246,6 +247,7 @@ class Registers:
         if register.locked and busy:
             return Status.BUSY
         inside = register.low <= value <= register.high and (value - register.low) % register.step == 0
+        inside = inside and (register.only is None or value in register.only)
         return Status.OK if inside and self._region_fits(register, value) else Status.INVALID_PARAMETER
 
     def _region_fits(self, register: Register, value: int) -> bool:

@@ -39,13 +39,15 @@ Target = tuple[str, int]
 
 
 class Picture(NamedTuple):
-    """What a leader says about a picture, and its pixels (height, width)."""
+    """What a leader says about a picture, and its bytes."""
 
-    pixels: NDArray[np.uint8]
+    data: NDArray[np.uint8]  # (bytes,)
     ticks: int  # camera clock at the start of exposure
     offset_x: int
     offset_y: int
-    height: int  # as announced; the pixels may have fewer lines (a fault)
+    width: int
+    height: int  # as announced; there may be fewer lines (a fault)
+    pixel_format: int = MONO8
 
 
 class Block:
@@ -59,7 +61,7 @@ class Block:
         self.number = number
         self.picture = picture
         chunk = packet_size - PACKET_OVERHEAD
-        pixels = np.ascontiguousarray(picture.pixels).reshape(-1)
+        pixels = np.ascontiguousarray(picture.data)
         payloads = -(-pixels.size // chunk)
         self.last = payloads + 1
         self.sendable = -1  # highest number that was sent: one that was not yet cannot be sent again
@@ -75,10 +77,10 @@ class Block:
 
     def _ends(self) -> tuple[bytes, bytes]:
         picture = self.picture
-        height, width = picture.height, picture.pixels.shape[1]
+        height, width = picture.height, picture.width
         ticks = divmod(picture.ticks, 1 << 32)
         place = (width, height, picture.offset_x, picture.offset_y)
-        leader = struct.pack(">HHIIIIIIIHH", 0, IMAGE, *ticks, MONO8, *place, 0, 0)
+        leader = struct.pack(">HHIIIIIIIHH", 0, IMAGE, *ticks, picture.pixel_format, *place, 0, 0)
         return leader, struct.pack(">HHI", 0, IMAGE, height)
 
     def _packet_headers(self, number: int) -> NDArray[np.uint8]:

@@ -9,15 +9,17 @@ from typing import Protocol
 
 from simulators.clock import Clock
 from simulators.modbus import ModbusServer
-from simulators.modbus_bank import Bank, Identity, Table
-from simulators.plc_program import PlcProgram, PlcWorld, Program
+from simulators.modbus_bank import Bank, Table
+from simulators.modbus_identity import Identity
+from simulators.plc_program import ORDERS, PICTURE, PlcProgram, Program
+from simulators.plc_wiring import PlcWorld
+from simulators.st.errors import StFault
 
-ORDERS, PICTURE = range(0, 16), range(100, 132)  # written by the client, written by the PLC
 CYCLE_S = 0.01  # PLC cycle in world seconds
 SHORTEST_PAUSE_WALL_S = 0.002
 LONGEST_STEP_S = 0.2  # world time waits for the next cycle, so a busy computer cannot make the PLC miss a carrier
 FRESH_WALL_S = 0.001
-BUTTONS = {"start": 1, "stop": 2, "reset": 4}
+BUTTONS = ("start", "stop", "reset")
 
 
 class CellWorld(PlcWorld, Protocol):
@@ -42,10 +44,8 @@ class MakeProgram(Protocol):
         world: PlcWorld,
         memory: MutableMapping[int, int],
         *,
-        boot: int,
-        now_wall_s: float,
         photo_switch: Callable[[], bool],
-        buttons: Callable[[], int],
+        button: Callable[[str], bool],
     ) -> Program:
         """Switch the PLC on."""
 
@@ -97,7 +97,6 @@ class PlcServer:
         program: MakeProgram = PlcProgram,
     ) -> None:
         self._world = world
-        self._make_program = program
         bank = Bank(holding=[*ORDERS, *PICTURE], read_only=PICTURE)
         bank.after_write = lambda table, address, count: self._scan()
         bank.before_read = lambda table, address, count: self._scan(FRESH_WALL_S)
@@ -111,9 +110,9 @@ class PlcServer:
         self._stopped = False
         self._scanning = False
         self._scanned_wall_s = 0.0
-        self._boot = 0
         self._ticker: asyncio.Task[None] | None = None
-        self._program = self._booted()
+        self.program = program(world, self.memory, photo_switch=self.photo_switch, button=self._button_down)
+        self.fault: StFault | None = None  # why the program has stopped, if it has
         world.subscribe(self._scan)  # so that a short pulse of the emergency stop is latched
         world.register("plc", self.inject)
 
@@ -134,7 +133,7 @@ class PlcServer:
             ticker.cancel()
             with contextlib.suppress(asyncio.CancelledError):
                 await ticker
-            self._program.halt()
+            self.program.halt()
         await self.modbus.close()
 
     def press(self, button: str, for_s: float = 0.1) -> None:
@@ -188,7 +187,10 @@ class PlcServer:
         self._scanned_wall_s = now_wall_s
         try:
             with self._foreign_words():
-                self._program.scan(self._world.clock.now(), now_wall_s)
+                self.program.scan(self._world.clock.now(), now_wall_s)
+        except StFault as fault:  # what a PLC does then: STOP until power comes anew
+            self.fault = fault
+            self._fault_program_stop()
         finally:
             self._scanning = False
         self.memory.update(self._overrides)
@@ -205,20 +207,8 @@ class PlcServer:
         yield
         self.memory.update(ours)
 
-    def _booted(self) -> Program:
-        self._boot = self._boot % 0xFFFF + 1
-        return self._make_program(
-            self._world,
-            self.memory,
-            boot=self._boot,
-            now_wall_s=time.monotonic(),
-            photo_switch=self.photo_switch,
-            buttons=self._buttons_down,
-        )
-
-    def _buttons_down(self) -> int:
-        now_s = time.monotonic()
-        return sum(BUTTONS[name] for name, until_s in self._pressed.items() if now_s < until_s)
+    def _button_down(self, name: str) -> bool:
+        return time.monotonic() < self._pressed.get(name, 0.0)
 
     # -- faults --------------------------------------------------------------------------------------------------
 
@@ -239,13 +229,15 @@ class PlcServer:
         """The PLC is in STOP: it still answers, from standing memory."""
         self._stopped = on
         if on:
-            self._program.halt()
+            self.program.halt()
 
     def _fault_reboot(self) -> None:
         """Power fails for a moment: connections break, memory is cleared, the boot counter moves on."""
-        self._program.halt()
+        self.program.halt()
         self.memory.update(dict.fromkeys(self.memory, 0))
-        self._program = self._booted()
+        self.program.restart()
+        if self.fault is not None:
+            self.fault, self._stopped = None, False
         self.modbus.break_connections()
 
     def _fault_foreign_session(self, session: int = 0xBEEF, on: bool = True) -> None:

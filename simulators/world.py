@@ -15,6 +15,7 @@ import numpy as np
 
 from simulators.arm import Arm
 from simulators.clock import Clock
+from simulators.conveyor import FAULTS as CONVEYOR_FAULTS
 from simulators.conveyor import Conveyor
 from simulators.golden import CARRIER as GOLDEN_CARRIER
 from simulators.golden import GoldenParts
@@ -42,7 +43,7 @@ class World:
         self.arm = Arm(self.clock, self.stream("arm"))
         self.scatter = Scatter()
         self.supply = Supply(self.stream("supply"), self.scatter)
-        self.conveyor = Conveyor(self.clock.now)
+        self.conveyor = Conveyor(self.clock.now, self.stream("conveyor"))
         self.suction = Suction(self.clock.now)
         self.estop_pressed = self.guard_open = False
         self.air_ok = True
@@ -144,7 +145,7 @@ class World:
     def clamp(self, on: bool) -> None:
         """Carrier clamp."""
         self._settle()
-        self.conveyor.clamped = on
+        self.conveyor.clamp(on)
 
     def release_carrier(self, good: bool) -> None:
         """Lower the stop pin, with the diverter set."""
@@ -184,12 +185,13 @@ class World:
         own: dict[tuple[str, str], Callable[[], None]] = {
             ("vacuum", "lost"): self.drop,
             ("vacuum", "no_seal"): lambda: self._set_no_seal(bool(params.get("on", True))),
-            ("conveyor", "stuck"): lambda: setattr(self.conveyor, "stuck", bool(params.get("on", True))),
             ("safety", "estop"): lambda: self.set_safety(estop=bool(params.get("on", True))),
             ("safety", "guard"): lambda: self.set_safety(guard_open=bool(params.get("on", True))),
             ("safety", "air"): lambda: self.set_safety(air_ok=not params.get("on", True)),
             ("supply", "no_base"): lambda: self.queue_deliveries([self._without_base()]),
         }
+        for trouble in CONVEYOR_FAULTS:
+            own["conveyor", trouble] = partial(self.conveyor.inject, trouble, bool(params.get("on", True)))
         for number, wear in self.wear.items():
             for name in FAULTS:
                 own[f"camera_{number}", name] = partial(wear.inject, name, self.clock.now(), **params)
@@ -229,7 +231,6 @@ class World:
         self.seated = self._golden_battery("seat", self.golden.seat())
         self.on_table = None
         self.conveyor.put()
-        self.conveyor.clamped = True
 
     def put_in_golden_pair(self) -> None:
         """A person takes the golden parts out and has the next pair at hand: good ones, a little different."""

@@ -210,10 +210,11 @@ def _showing(board: Place, middle: Floats, at: Floats, turn_deg: float, *, first
 
 def _calibration(name: Eye, plane: PlaneMap, covariance: Floats, factor: float) -> CameraCalibration:
     return CameraCalibration(
-        schema_version=2,
+        schema_version=3,
         made_at=now(),
         camera=name,
         serial="fast",
+        view=(0, 0, 2592, 1944),
         mount="tool" if name == "camera-1" else "bench",
         robot_serial="fast",
         robot_controller="fast",

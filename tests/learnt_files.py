@@ -34,6 +34,7 @@ def calibration(**changed: Any) -> CameraCalibration:
         "made_at": now(),
         "camera": "camera-1",
         "serial": "SIM-CAM-1",
+        "view": (0, 0, 2592, 1944),
         "mount": "tool",
         "robot_serial": "SIM-ROBOT",
         "robot_controller": "RCX340 V1.20,R0000, YK400XG",

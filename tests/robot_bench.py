@@ -41,7 +41,8 @@ async def controller_on(speed=1.0, *, model="yk400xg", start=START, **settings):
 async def robot_on(front="tcp", speed=1.0, *, on=True, **settings):
     """A bench and the driver on its controller, with power on."""
     async with controller_on(speed, serial_baud=9600 if front == "serial" else None, **settings) as (bench, controller):
-        robot = Robot(address_of(controller, front), limits=Limits())
+        robot = Robot(address_of(controller, front), limits=Limits(), dialect=settings.get("dialect", "rcx3"))
+        bench.controller = controller
         await robot.open()
         try:
             if on:

@@ -128,7 +128,7 @@ def test_a_host_that_no_device_can_have_is_refused(refused, host):
         ([("port = 502", "port = 70000")], ["plc.port: must be at least 1 and at most 65535 (got 70000)"]),
         (
             [('exchange = "fc23"', 'exchange = "fc16"')],
-            ['plc.exchange: must be "fc23" or "fc3+fc16" (got "fc16")'],
+            ['plc.exchange: must be "fc23", "fc3+fc16" or "fc4+fc16" (got "fc16")'],
         ),
         ([("192.168.10.32", "192.168.10.31")], ["camera_2.address: is also the address of camera_1"]),
         ([("CAM-2-SERIAL", "CAM-1-SERIAL")], ["camera_2.serial: is also the serial of camera_1"]),

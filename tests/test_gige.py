@@ -1,96 +1,20 @@
 """The GigE Vision driver against the simulated camera: the right picture, whole, or the right error."""
 
 import asyncio
-import itertools
-import os
 import socket
 import struct
 import threading
 import time
-from collections.abc import AsyncIterator, Callable
-from contextlib import asynccontextmanager
 
 import numpy as np
 import pytest
 
-from drivers import aravis, gige, gige_connection
-from drivers.camera import Frame
+from drivers import aravis, aravis_library, gige, gige_setup
 from drivers.errors import FrameLost, LinkLost, Mismatch, NoAnswer, Refused, Unavailable
 from drivers.gige import GigeCamera
 from simulators.clock import Clock
 from simulators.gige import Exposure, GigeCameraServer
-
-SMALL = (640, 480)
-FULL = (2592, 1944)
-_numbers = itertools.count(1)
-
-
-def fresh_ip() -> str:
-    """An address of this test process alone, so that test runs do not meet."""
-    pid = os.getpid()
-    return f"127.{64 + (pid >> 8) % 64}.{pid & 255}.{next(_numbers) % 250 + 1}"
-
-
-class Scene:
-    """Another random picture for each exposure."""
-
-    def __init__(self, size: tuple[int, int], seed: int = 1) -> None:
-        rng = np.random.default_rng(seed)
-        self.pictures = rng.integers(0, 256, (4, size[1], size[0]), dtype=np.uint8)
-        self.exposures: list[Exposure] = []
-
-    def __call__(self, exposure: Exposure) -> np.ndarray:
-        self.exposures.append(exposure)
-        return self.newest
-
-    @property
-    def newest(self) -> np.ndarray:
-        return self.pictures[len(self.exposures) % 4]
-
-    def was_seen_in(self, frame: Frame) -> bool:
-        return bool(np.array_equal(frame.pixels, self.newest))
-
-
-class Rig:
-    """A simulated camera, and how to get drivers for it."""
-
-    def __init__(self, server: GigeCameraServer, scene: Scene, size: tuple[int, int]) -> None:
-        self.server, self.scene, self.size = server, scene, size
-
-    @asynccontextmanager
-    async def camera(self, *, serial: str = "SN1", **options: int) -> AsyncIterator[GigeCamera]:
-        camera = GigeCamera("camera 1", self.server.ip, serial, width=self.size[0], height=self.size[1], **options)
-        try:
-            yield camera
-        finally:
-            await camera.close()
-
-    @asynccontextmanager
-    async def open_camera(self, **options: int) -> AsyncIterator[GigeCamera]:
-        async with self.camera(**options) as camera:
-            await camera.open()
-            yield camera
-
-
-@asynccontextmanager
-async def rig(size: tuple[int, int] = SMALL, *, speed: float = 20.0, **options: int) -> AsyncIterator[Rig]:
-    scene = Scene(size)
-    async with GigeCameraServer(fresh_ip(), "SN1", scene, Clock(speed), sensor=size, **options) as server:
-        yield Rig(server, scene, size)
-
-
-def driver_threads() -> list[str]:
-    return [thread.name for thread in threading.enumerate() if thread.name.startswith("camera 1")]
-
-
-async def until_threads_end(within_s: float = 2.0) -> None:
-    await until(lambda: not driver_threads(), within_s)
-
-
-async def until(true: Callable[[], bool], within_s: float = 2.0) -> None:
-    async with asyncio.timeout(within_s):
-        while not true():  # what is awaited happens in other threads
-            await asyncio.sleep(0.01)
+from tests.gige_rig import FULL, SMALL, Scene, driver_threads, fresh_ip, rig, setup, until, until_threads_end
 
 
 async def test_five_megapixel_pictures_arrive_byte_for_byte_and_read_only():
@@ -142,7 +66,7 @@ async def test_two_cameras_take_pictures_at_the_same_time():
     clock = Clock(50)
     scenes = [Scene(FULL, seed) for seed in (1, 2)]
     servers = [GigeCameraServer(fresh_ip(), f"SN{i}", scenes[i], clock) for i in range(2)]
-    cameras = [GigeCamera(f"camera {i}", servers[i].ip, f"SN{i}") for i in range(2)]
+    cameras = [GigeCamera(f"camera {i}", servers[i].ip, setup(serial=f"SN{i}")) for i in range(2)]
 
     async def take(i: int) -> None:
         await cameras[i].open()
@@ -288,21 +212,21 @@ async def test_closing_while_the_cable_is_out_does_not_wait_for_it(monkeypatch: 
 
 
 async def test_a_camera_with_another_serial_number_is_refused_by_both_names():
-    async with rig() as r, r.camera(serial="SN2") as camera:
+    async with rig() as r, r.camera(setup(SMALL, "SN2")) as camera:
         with pytest.raises(Mismatch, match=f"{r.server.ip} has serial number 'SN1', not 'SN2'"):
             await camera.open()
 
 
 async def test_a_smaller_sensor_than_configured_is_refused():
     async with rig((320, 240)) as r:
-        camera = GigeCamera("camera 1", r.server.ip, "SN1", width=640, height=480)
+        camera = GigeCamera("camera 1", r.server.ip, setup(SMALL))
         with pytest.raises((Refused, Mismatch)):
             await camera.open()
         await camera.close()
 
 
 async def test_a_camera_that_is_not_there_is_link_lost():
-    camera = GigeCamera("camera 1", fresh_ip(), "SN1")
+    camera = GigeCamera("camera 1", fresh_ip(), setup())
     with pytest.raises(LinkLost, match="camera 1: camera SN1 at 127"):
         await camera.open()
     with pytest.raises(LinkLost, match="not open"):
@@ -311,7 +235,7 @@ async def test_a_camera_that_is_not_there_is_link_lost():
 
 
 async def test_a_camera_that_another_program_controls_is_refused(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(gige_connection, "HEARTBEAT_MARGIN_S", -1.0)
+    monkeypatch.setattr(gige_setup, "HEARTBEAT_MARGIN_S", -1.0)
     async with rig() as r, r.open_camera() as first, r.camera() as second:
         r.server.registers["GevHeartbeatTimeout"] = 1500  # the library's heartbeat comes each second
         with pytest.raises(Refused, match="another program controls it"):
@@ -410,9 +334,9 @@ async def test_nothing_is_left_running_after_close():
 
 
 async def test_a_missing_library_is_unavailable_and_names_the_package(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(aravis, "SONAME", "libaravis-missing.so.0")
-    monkeypatch.setattr(aravis, "_library", aravis._Library)
-    camera = GigeCamera("camera 1", "127.0.0.1", "SN1")
+    monkeypatch.setattr(aravis_library, "SONAME", "libaravis-missing.so.0")
+    monkeypatch.setattr(aravis, "library", aravis_library.Library)
+    camera = GigeCamera("camera 1", "127.0.0.1", setup())
     with pytest.raises(Unavailable, match=r"libaravis-0\.8-0"):
         await camera.open()
     await camera.close()

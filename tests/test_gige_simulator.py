@@ -356,7 +356,7 @@ async def test_a_pending_acknowledgement_announces_itself():
     [
         (AT["Width"], 641, 0x8002),
         (AT["Width"], 639, 0x8002),
-        (AT["PixelFormat"], 0x01100007, 0x8002),
+        (AT["PixelFormat"], 0x02180014, 0x8002),
         (AT["ExposureNs"], 1, 0x8002),
         (AT["SensorWidth"], 640, 0x8004),
         (0x0024, 1, 0x8004),
@@ -507,7 +507,7 @@ def test_a_picture_of_any_size_is_whole_in_packets_of_any_size(height: int, widt
         receiver.bind(("127.0.0.1", 0))
         receiver.settimeout(1.0)
         target = receiver.getsockname()
-        block = Block(7, Picture(pixels, ticks, 0, 0, height), packet, target)
+        block = Block(7, Picture(pixels.reshape(-1), ticks, 0, 0, pixels.shape[1], height), packet, target)
         sender.send(block, block.order(), target)
         packets = [receiver.recv(2000) for _ in range(block.last + 1)]
     sender.close()
@@ -545,7 +545,7 @@ def test_a_receiver_that_does_not_read_holds_the_sender_up_only_so_long():
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as deaf:
         deaf.bind(("127.0.0.1", 0))
         target = deaf.getsockname()
-        block = Block(1, Picture(pixels, 0, 0, 0, 1000), 1500, target)
+        block = Block(1, Picture(pixels.reshape(-1), 0, 0, 0, pixels.shape[1], 1000), 1500, target)
         began_s = time.monotonic()
         sender.send(block, block.order(), target)
         assert time.monotonic() - began_s < 0.5

@@ -1,5 +1,6 @@
 """RCX text and values, and the model of the arm's reach."""
 
+import math
 import random
 
 import pytest
@@ -7,11 +8,30 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers import rcx
-from drivers.rcx import LEFTY, RIGHTY, Code, Kind, Point, RobotStatus, classify
-from drivers.rcx_codes import CODES, meaning
-from drivers.reach import Limits
+from drivers.rcx import (
+    LEFTY,
+    RIGHTY,
+    Arch,
+    Code,
+    Kind,
+    Mode,
+    Motion,
+    Point,
+    Position,
+    Pulses,
+    Ramps,
+    RobotStatus,
+    classify,
+)
+from drivers.rcx2 import Rcx2
+from drivers.rcx3 import Rcx3, parse_alarm, parse_flag
+from drivers.rcx_codes import RCX2, RCX3, meaning
+from drivers.rcx_points import StoredPoint, parse_point, parse_points, point_line
+from drivers.reach import Limits, PulseLimits
+from drivers.robot_files import parse_task
 
-READY = RobotStatus(mode=2, emergency_stop=False, alarm="", motor_on=True, servo_on=True, origin_done=True)
+NEW, OLD = Rcx3(), Rcx2()
+READY = RobotStatus(mode=Mode.AUTOMATIC, emergency_stop=False, alarm="", motor_on=True, servo_on=True, origin_done=True)
 
 
 @pytest.mark.parametrize(
@@ -60,11 +80,18 @@ def test_a_failure_is_read_padded_or_not(line, code):
 
 
 def test_every_code_is_readable_known_or_not():
-    assert meaning(12, 600) == "emergency stop on"
-    assert meaning(6, 999) == "language execution, see the controller's manual"
-    assert meaning(77, 1) == "unknown group, see the controller's manual"
-    assert all(text and text[-1] != "." for text in CODES.values())
-    assert Code(2, 334).meaning == "soft limit over"
+    assert meaning(RCX3, 12, 600) == "emergency stop on"
+    assert meaning(RCX3, 6, 999) == "language execution, see the controller's manual"
+    assert meaning(RCX2, 77, 1) == "unknown group, see the controller's manual"
+    assert all(text and text[-1] != "." for table in (RCX2, RCX3) for text in table.values())
+    assert NEW.meaning(Code(2, 334)) == OLD.meaning(Code(2, 1)) == "soft limit over"
+
+
+@pytest.mark.parametrize(
+    "code", [Code(5, 30), Code(5, 52), Code(6, 4), Code(4, 8), Code(3, 3), Code(14, 22), Code(6, 63)]
+)
+def test_in_five_groups_the_older_class_is_two_hundred_lower(code):
+    assert OLD.meaning(code) == NEW.meaning(Code(code.group, code.number + 200))
 
 
 @pytest.mark.parametrize(
@@ -110,7 +137,7 @@ def test_what_is_no_position_is_none(line):
     [("1 1,1,1,1", True), ("0 1,1,0,1", False), ("1", True), ("0", False), ("2", None), ("1 x", None)],
 )
 def test_a_flag_is_the_first_digit(line, value):
-    assert rcx.parse_flag(line) is value
+    assert parse_flag(line) is value
 
 
 @pytest.mark.parametrize(
@@ -123,29 +150,68 @@ def test_a_whole_number_stands_alone(line, value):
 def test_status_answers_are_read_together():
     answers = ("2", "0", "0.0", "2", "1 1,1,1,1", "1 1,1,1,1")
 
-    assert rcx.parse_status(answers) == READY
-    assert rcx.parse_status((*answers[:2], "NG", *answers[3:])) is None
-    assert rcx.parse_status(("-1", "1", "12.600", "0", "0 0,0,0,0", "0 0,1,1,1")) == RobotStatus(
-        mode=-1, emergency_stop=True, alarm="12.600", motor_on=False, servo_on=False, origin_done=False
+    assert NEW.status(answers) == READY
+    assert NEW.status((*answers[:2], "NG", *answers[3:])) is None
+    assert NEW.status(("-1", "1", "12.600", "0", "0 0,0,0,0", "0 0,1,1,1")) == RobotStatus(
+        mode=Mode.OTHER,
+        emergency_stop=True,
+        alarm="12.600",
+        motor_on=False,
+        servo_on=False,
+        origin_done=False,
+        alarm_means="emergency stop on",
     )
+
+
+def test_an_older_controller_tells_its_state_by_words_and_its_alarm_by_an_output_and_the_last_message():
+    answers = ("AUTO", "OFF", "ON,99991111", "COMPLETE", "6")
+
+    assert OLD.more_queries(answers) == ()
+    assert OLD.status(answers) == READY
+    stopped = ("MANUAL", "ON", "OFF,99990000", "INCOMPLETE,99990111", "11")
+    assert OLD.more_queries(stopped) == ("MSG",)
+    status = OLD.status((*stopped, "12.1:\xcb\xbc\xde"))
+    assert status == RobotStatus(Mode.MANUAL, True, "12.1", False, False, False, "emergency stop on")
+    assert OLD.status((*stopped, "what?")).alarm == "?"
+    for k in range(5):
+        assert OLD.status((*answers[:k], "\xb1", *answers[k + 1 :])) is None
 
 
 def test_a_ready_robot_has_no_excuse_and_an_unready_one_a_remedy():
     assert READY.ready
     assert READY.why_not_ready == ""
-    stopped = RobotStatus(2, True, "12.600", False, False, True)
+    stopped = RobotStatus(Mode.AUTOMATIC, True, "12.600", False, False, True)
     assert not stopped.ready
     assert "release it" in stopped.why_not_ready
-    alarmed = RobotStatus(2, False, "17.910", False, False, True)
-    assert "17.910 (position deviation" in alarmed.why_not_ready
-    assert "mode is 0" in RobotStatus(0, False, "", True, True, True).why_not_ready
+    alarmed = RobotStatus(Mode.AUTOMATIC, False, "17.910", False, False, True, "position deviation")
+    assert "17.910 (position deviation)" in alarmed.why_not_ready
+    assert "mode is manual" in RobotStatus(Mode.MANUAL, False, "", True, True, True).why_not_ready
 
 
-def test_a_move_is_written_with_three_decimals_in_all_six_fields():
-    line = rcx.move(Point(250, -0.0001, 20.12345, -90), hand=RIGHTY, speed_pct=50, straight=False)
+def test_a_move_is_written_with_the_generations_decimals_in_all_six_fields():
+    motion = Motion(Point(250, -0.0001, 20.12345, -90), LEFTY, 50)
 
-    assert line == "@MOVE P,250.000 0.000 20.123 -90.000 0.000 0.000 1,S=50"
-    assert rcx.move(Point(1, 2, 3, 4), hand=LEFTY, speed_pct=1, straight=True).startswith("@MOVE L,1.000 ")
+    assert NEW.move(motion) == ((), "@MOVE P,250.000 0.000 20.123 -90.000 0.000 0.000 2,S=50")
+    assert OLD.move(motion) == (("@LEFTY",), "@MOVE P,250.00 0.00 20.12 -90.00 0.00 0.00,S=50")
+    line = motion._replace(straight=True, ramps=Ramps(40, 30), blends=True)
+    assert OLD.move(line).operation == "@MOVE L,250.00 0.00 20.12 -90.00 0.00 0.00,S=50,ACC=40,DEC=30,CONT"
+
+
+def test_an_arch_is_written_as_each_generation_has_it():
+    motion = Motion(Point(250, 0, 20, 0), RIGHTY, 50, arch=Arch(5))
+
+    assert NEW.move(motion).operation.endswith(" 1,A3=5.000{0.000,0.000},S=50")
+    assert OLD.move(motion).operation.endswith(" 0.00,Z=5.00,S=50")
+    with pytest.raises(ValueError, match="height only"):
+        OLD.move(motion._replace(arch=Arch(5, 1, 1)))
+
+
+def test_a_move_too_long_for_a_line_goes_by_the_last_point_of_the_table():
+    motion = Motion(Point(-250, -200, 120, -180), RIGHTY, 100, False, Ramps(50, 50), Arch(100, 20, 20))
+
+    settings, operation = NEW.move(motion)
+    assert settings == ("@P29999=-250.000 -200.000 120.000 -180.000 0.000 0.000 1",)
+    assert operation == "@MOVE P,P29999,A3=100.000{20.000,20.000},S=100,ACC=50,DEC=50"
 
 
 @given(
@@ -153,15 +219,80 @@ def test_a_move_is_written_with_three_decimals_in_all_six_fields():
     st.sampled_from([RIGHTY, LEFTY]),
     st.integers(1, 100),
     st.booleans(),
+    st.builds(Ramps, st.integers(1, 100), st.integers(1, 100)),
+    st.none() | st.builds(lambda top_z_mm: Arch(top_z_mm), st.floats(0, 150)),
 )
-def test_a_move_fits_the_line_and_says_what_was_meant(to, hand, speed_pct, straight):
-    line = rcx.move(to, hand=hand, speed_pct=speed_pct, straight=straight)
+def test_a_move_fits_the_line_and_says_what_was_meant(to, hand, speed_pct, straight, ramps, arch):
+    for dialect, within in ((NEW, 0.00051), (OLD, 0.0051)):
+        settings, operation = dialect.move(Motion(to, hand, speed_pct, straight, ramps, arch))
+        lines = [*settings, operation]
+        assert all(len(line) <= 80 and line.startswith("@") for line in lines)
+        said = operation.split(",")[1]
+        said = next((line.partition("=")[2] for line in settings if line.startswith(f"@{said}=")), said)
+        position = rcx.parse_position(said)
+        assert position is not None
+        assert position.point == pytest.approx(to, abs=within)
+        assert position.hand == hand if dialect is NEW else settings[0] == f"@{'RIGHTY' if hand == RIGHTY else 'LEFTY'}"
 
-    assert len(line) <= 80
-    position = rcx.parse_position(line.split(",")[1])
-    assert position is not None
-    assert position.point == pytest.approx(to, abs=0.00051)
-    assert position.hand == hand
+
+@pytest.mark.parametrize("dialect", [NEW, OLD])
+@pytest.mark.parametrize("by", [0.0, 0.0004, 10.001, float("nan"), float("inf")])
+def test_a_step_that_is_none_is_refused(dialect, by):
+    with pytest.raises(ValueError, match=r"a step of|NaN"):
+        dialect.inch(1, by)
+
+
+def test_jogs_and_steps_name_axes_as_each_generation_does():
+    assert NEW.jog(2, -1) == ((), "@JOGXY 2-")
+    assert OLD.jog(2, -1) == (("@UNIT 1",), "@JOG Y-")
+    assert NEW.inch(4, 0.25) == (("@IDIST 250",), "@INCHXY 4+")
+    assert OLD.inch(3, -1) == (("@UNIT 1", "@IDIST 1000"), "@INCH Z-")
+
+
+def test_the_payload_is_said_in_grams_or_in_whole_kilograms_never_less():
+    assert NEW.payload(1.25) == ("WEIGHTG 1250", "WEIGHTG", 1250)
+    assert OLD.payload(1.25) == ("WEIGHT 2", "WEIGHT", 2)
+
+
+@pytest.mark.parametrize(
+    ("text", "point"),
+    [
+        ("1.0 2.0 3.0 4.0 0.0 0.0 1 0 0", StoredPoint((1, 2, 3, 4, 0, 0), False, 1)),
+        ("   1.00    2.00    3.00    4.00    0.00    0.00", StoredPoint((1, 2, 3, 4, 0, 0), False)),
+        ("1000 -2000 3000 4000 0 0", StoredPoint((1000, -2000, 3000, 4000, 0, 0), True)),
+        ("1 2.5 3 4 0 0 2", StoredPoint((1, 2.5, 3, 4, 0, 0), False, 2)),
+        ("1.0 2.0 3.0 4.0 0.0 0.0 1 -1 2", StoredPoint((1, 2, 3, 4, 0, 0), False, 1, (-1, 2))),
+        ("1.0 2.0 3.0", None),
+        ("1.0 2.0 3.0 4.0 0.0 x", None),
+        ("1.0 2.0 3.0 4.0 0.0 0.0 3", None),
+        ("1.0 2.0 3.0 4.0 0.0 0.0 1.0", None),
+    ],
+)
+def test_a_stored_point_is_in_pulses_when_no_number_has_a_decimal_point(text, point):
+    assert parse_point(text) == point
+
+
+@given(
+    st.integers(0, 9999),
+    st.tuples(*[st.integers(-99999, 99999)] * 6),
+    st.booleans(),
+    st.integers(0, 2),
+    st.sampled_from([NEW, OLD]),
+)
+def test_points_survive_writing_and_reading(number, counts, in_pulses, hand, dialect):
+    point = StoredPoint(tuple(float(n) if in_pulses else n / 100 for n in counts), in_pulses, hand)
+
+    assert parse_points([point_line(number, point, dialect)]) == {number: point}
+
+
+def test_a_point_that_there_cannot_be_is_refused():
+    point = StoredPoint((1.0,) * 6, False)
+    with pytest.raises(ValueError, match=r"P10000 is outside P0 \.\. P9999"):
+        point_line(10000, point, OLD)
+    with pytest.raises(ValueError, match="nan is no length"):
+        point_line(1, point._replace(values=(float("nan"),) * 6), NEW)
+    with pytest.raises(ValueError, match="'hello' is no point"):
+        parse_points(["P1=1.0 2.0 3.0 4.0 0.0 0.0", "hello"])
 
 
 @pytest.mark.parametrize("text", ["X" * 80, "MOVE\r\n", "\x03", "?\xe9"])
@@ -171,11 +302,14 @@ def test_a_command_that_cannot_be_sent_is_refused(text):
 
 
 def test_a_target_that_is_no_number_is_refused():
-    with pytest.raises(ValueError, match="no position"):
-        rcx.move(Point(float("nan"), 0, 0, 0), hand=RIGHTY, speed_pct=50, straight=False)
+    with pytest.raises(ValueError, match="no length or angle"):
+        NEW.move(Motion(Point(float("nan"), 0, 0, 0), RIGHTY, 50))
 
 
-PARSERS = [rcx.parse_failure, rcx.parse_position, rcx.parse_integer, rcx.parse_flag, rcx.parse_alarm, classify]
+PARSERS = [
+    *(rcx.parse_failure, rcx.parse_position, rcx.parse_pulses, rcx.parse_integer, rcx.parse_leading_integer),
+    *(rcx.parse_byte, rcx.parse_flag_alone, rcx.parse_hand, parse_flag, parse_alarm, parse_point, parse_task, classify),
+]
 
 
 @given(st.text(st.characters(max_codepoint=255), max_size=60))
@@ -221,9 +355,82 @@ def test_the_cells_places_are_within_bounds(target):
     assert Limits().objection(target, hand=RIGHTY) == ""
 
 
-def test_a_line_past_the_column_is_out_of_bounds():
-    limits = Limits()
+def along(start, to, hand=RIGHTY):
+    return Limits().objection_to_line(Position(start, hand), to, hand=hand)
 
-    assert "passes 0.0 mm from the column" in limits.objection_to_line(Point(0, -200, 0, 0), Point(0, 200, 0, 0))
-    assert limits.objection_to_line(Point(200, -200, 0, 0), Point(200, 200, 0, 0)) == ""
-    assert limits.objection_to_line(Point(200, 0, 0, 0), Point(200, 0, 50, 0)) == ""
+
+def test_a_line_past_the_column_is_out_of_bounds():
+    assert "passes 0.0 mm from the column" in along(Point(200, 0, 0, 0), Point(-200, 0, 0, 0))
+    assert along(Point(200, -200, 0, 0), Point(200, 200, 0, 0)) == ""
+    assert along(Point(200, 0, 0, 0), Point(200, 0, 50, 0)) == ""
+
+
+def test_a_line_along_which_an_axis_leaves_its_range_is_out_of_bounds_also_with_both_ends_inside():
+    start, to = Point(309.5, 49.9, 0, 0), Point(-193.7, 321.6, 0, 0)
+    assert [Limits().objection(end, hand=LEFTY) for end in (start, to)] == ["", ""]
+    assert "axis 1" in along(start, to, LEFTY)
+
+
+def test_a_line_through_stretched_arms_is_refused():
+    assert "the arms are stretched (axis 2 at " in along(Point(300, 0, 0, 0), Point(399.6, 0, 0, 0))
+
+
+@pytest.mark.parametrize(("hand", "from_to"), [(LEFTY, "from lefty to righty")])
+def test_a_straight_line_and_an_arch_cannot_change_the_elbow(hand, from_to):
+    start, to = Position(Point(300, 0, 20, 0), hand), Point(310, 0, 20, 0)
+    assert from_to in Limits().objection_to_line(start, to, hand=RIGHTY)
+    assert from_to in Limits().objection_to_arch(start, to, Arch(0), hand=RIGHTY)
+
+
+@pytest.mark.parametrize(
+    ("arch", "complaint"),
+    [
+        (Arch(0), ""),
+        (Arch(10, 10, 40), ""),
+        (Arch(-1), "top at z -1.000 mm"),
+        (Arch(21), "its start at z 20.000 mm"),
+        (Arch(10, 11, 0), "its start at z 20.000 mm"),
+        (Arch(10, 0, 41), "its target at z 50.000 mm"),
+        (Arch(10, -1, 0), "lengths, 0 or more"),
+        (Arch(float("nan")), "is no arch"),
+    ],
+)
+def test_an_arch_is_above_both_its_ends(arch, complaint):
+    start, to = Position(Point(300, 0, 20, 0), RIGHTY), Point(250, 100, 50, 0)
+    objection = Limits().objection_to_arch(start, to, arch, hand=RIGHTY)
+    assert (complaint in objection) if complaint else objection == ""
+
+
+PULSES = PulseLimits(
+    (2912.711, 2912.711, 1638.4, 682.6667),
+    Pulses(-385506, -437972, -1707, -245760),
+    Pulses(380555, 439198, 250000, 245760),
+)
+
+
+@given(
+    st.floats(135, 399), st.floats(-120, 120), st.floats(0, 150), st.floats(-90, 90), st.sampled_from([RIGHTY, LEFTY])
+)
+def test_a_place_in_pulses_and_back_is_the_same_place(reach_mm, direction_deg, z_mm, r_deg, hand):
+    limits = Limits(pulses=PULSES)
+    direction = math.radians(direction_deg)
+    place = Point(reach_mm * math.cos(direction), reach_mm * math.sin(direction), z_mm, r_deg)
+
+    back = limits.from_pulses(limits.in_pulses(place, hand=hand))
+
+    assert back.point == pytest.approx(place, abs=0.02)
+    assert back.hand == hand
+
+
+def test_the_controllers_own_soft_limits_are_kept_where_they_are_known():
+    place = Point(250, 0, 0, 0)
+    narrow = PULSES._replace(high=PULSES.high._replace(axis_1=0))
+
+    assert Limits(pulses=PULSES).objection(place, hand=LEFTY) == ""
+    assert "pulses is outside -385506 .. 0 pulses" in Limits(pulses=narrow).objection(place, hand=LEFTY)
+    assert Limits(pulses=narrow).objection(place, hand=RIGHTY) == ""
+
+
+def test_pulses_that_are_not_configured_are_not_guessed():
+    with pytest.raises(ValueError, match="not configured"):
+        Limits().in_pulses(Point(250, 0, 0, 0), hand=RIGHTY)

@@ -118,7 +118,7 @@ def test_a_file_of_another_kind_is_refused(written: tuple[Reference, bytes]):
 @pytest.mark.parametrize(
     ("raw", "says"),
     [
-        (b'{"schema_version": 1, "camera": "camera-1"}', "of an earlier release: schema 1, this one reads 2"),
+        (b'{"schema_version": 1, "camera": "camera-1"}', "of an earlier release: schema 1, this one reads 3"),
         (b'{"sha256": "", "content": {"schema_version": 9}}', "of a later release: schema 9"),
         (b"[" * 100_000, "recursion"),
         (b" " * 2_000_000, "larger than"),
@@ -175,6 +175,7 @@ def test_a_missing_calibration_names_the_command(config: CellConfig):
     ("changed", "says"),
     [
         ({"serial": "ANOTHER"}, "is of camera ANOTHER, the cell has SIM-CAM-1"),
+        ({"view": (8, 0, 2592, 1944)}, "is of picture 2592 x 1944 px at 8, 0, the cell has 2592 x 1944 px at 0, 0"),
         ({"robot_serial": "OLD-ARM"}, "is of robot OLD-ARM, the cell has SIM-ROBOT"),
         ({"mount": "arm_2"}, "is of mount arm_2, the cell has tool"),
         ({"camera": "camera-2", "mount": "bench"}, "is of camera-2"),

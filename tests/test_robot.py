@@ -8,11 +8,11 @@ from contextlib import asynccontextmanager
 import pytest
 
 import drivers.conversation
-import drivers.robot
+import drivers.robot_motion
 from cellctl.assembly.hand import lift_free
 from drivers.errors import Collision, DeviceError, Garbled, LinkLost, Mismatch, NoAnswer, Refused
-from drivers.robot import LEFTY, RIGHTY, Limits, Point, Robot
-from tests.robot_bench import address_of, controller_on, robot_on
+from drivers.robot import LEFTY, RIGHTY, Limits, Mode, Point, Robot
+from tests.robot_bench import SerialWire, Wire, address_of, controller_on, robot_on
 
 NEAR = Point(260.0, 20.0, 10.0, 5.0)
 FAR = Point(250.0, 200.0, 50.0, 90.0)
@@ -24,10 +24,8 @@ FRONTS = pytest.mark.parametrize("front", ["tcp", "serial"])
 @pytest.fixture
 def short_patience(monkeypatch):
     """Deadlines cut short, for tests that wait for them to pass."""
-    monkeypatch.setattr(drivers.robot, "SLACK_S", 0.1)
-    monkeypatch.setattr(drivers.robot, "RAMPS_S", 0.1)
-    monkeypatch.setattr(drivers.robot, "STAND_S", 0.3)
-    monkeypatch.setattr(drivers.robot, "SETTLE_S", 0.05)
+    for name, patience_s in (("SLACK_S", 0.1), ("STAND_S", 0.3), ("SETTLE_S", 0.05)):
+        monkeypatch.setattr(drivers.robot_motion, name, patience_s)
     for name in ("ANSWER_S", "STOP_S"):
         monkeypatch.setattr(drivers.conversation, name, 0.3)
     monkeypatch.setattr(drivers.conversation, "GREETING_S", 0.1)
@@ -365,9 +363,9 @@ async def test_a_motion_is_unfinished_until_the_arm_is_at_its_target():
 async def test_the_controller_tells_what_it_is_and_a_question_it_does_not_know_is_left_out(front):
     async with robot_on(front, speed=20) as (bench, robot):
         told = await robot.identity()
-        assert "YK400XG" in told.upper()
+        assert "YK400XG" in told.configuration.upper()
         bench.inject("robot", "ng", code="5.252", count=2)
-        assert await robot.identity() == "does not say"
+        assert str(await robot.identity()) == "does not say"
         assert await robot.here() == pytest.approx((250, 0, 0, 0))
 
 
@@ -400,17 +398,21 @@ async def test_a_link_that_breaks_in_motion_is_lost_and_reopening_reads_everythi
 
 @FRONTS
 async def test_opening_stops_what_an_earlier_conversation_left_running(front):
-    settings = {"on_disconnect": "continue"}
-    async with robot_on(front, speed=SPEED, **settings) as (bench, robot):
-        move = asyncio.create_task(robot.move(FAR, speed_pct=SLOW_PCT))
-        await begun(bench, move)
-        await robot.close()
-        with pytest.raises(LinkLost):
-            await move
+    baud = 9600 if front == "serial" else None
+    async with controller_on(SPEED, serial_baud=baud, on_disconnect="continue", servo_at_start=True) as (
+        bench,
+        controller,
+    ):
+        other = SerialWire(controller.tty) if baud else await Wire.to(controller)
+        assert await other.ask("@MOVE P,250.0 200.0 50.0 90.0 0.0 0.0,S=3") == ["RUN"]
+        await asyncio.sleep(0.05)
+        other.close()
         assert not bench.stands()
+        robot = Robot(address_of(controller, front), limits=Limits())
         await robot.open()
         assert bench.stands()
         assert 0 < bench.position().y_mm < 199
+        await robot.close()
 
 
 @pytest.mark.usefixtures("short_patience")
@@ -433,7 +435,7 @@ async def test_a_controller_that_talks_to_another_client_hangs_up():
         await first.open()
         with pytest.raises(LinkLost, match="another client"):
             await second.open()
-        assert (await first.status()).mode == 2
+        assert (await first.status()).mode is Mode.AUTOMATIC
         await first.close()
         await second.open()
         await second.close()
@@ -468,6 +470,8 @@ ANSWERS = {
     "@?ORIGIN": "1 1,1,1,1\r\nOK\r\n",
     "@?WHRXY": "250.000 0.000 0.000 0.000 0.000 0.000 1 0 0\r\nOK\r\n",
     "@CHANGE OFF": "OK\r\n",
+    "@?HAND": "OFF\r\nOK\r\n",
+    "@?SHIFT": "NG=5.252\r\n",
     "@SHIFT OFF": "OK\r\n",
     "@ASPEED 100": "OK\r\n",
     "@?ASPEED": "100\r\nOK\r\n",
@@ -544,7 +548,7 @@ async def test_a_first_command_after_reconnecting_may_be_refused_once():
 
 async def test_another_automatic_speed_than_the_one_set_is_a_mismatch():
     async with scripted(ANSWERS | {"@?ASPEED": "30\r\nOK\r\n"}) as (address, _):
-        with pytest.raises(Mismatch, match="automatic speed is 30 %, not 100 %"):
+        with pytest.raises(Mismatch, match="ASPEED 100 was accepted, but ASPEED is 30, not 100"):
             await Robot(address, limits=Limits()).open()
 
 

@@ -183,6 +183,16 @@ def test_the_older_generation_can_speak_katakana_or_codes():
         (["WHILE 1"], Code.WHILE_WITHOUT_WEND, 1),
         (["WEND"], Code.WEND_WITHOUT_WHILE, 1),
         (["SELECT CASE A", "CASE 1"], Code.SELECT_WITHOUT_END_SELECT, 1),
+        (["SUB *S"], Code.SUB_WITHOUT_END_SUB, 1),
+        (["END SUB"], Code.END_SUB_WITHOUT_SUB, 1),
+        (["SUB *S", "END SUB", "SUB *S", "END SUB"], Code.DUPLICATE_LABEL, 3),
+        (["A=1", "CALL *S"], Code.UNDEFINED_IDENTIFIER, 2),
+        (["CALL *S(1)", "HALT", "SUB *S", "END SUB"], Code.COMMAND_LINE, 1),
+        (["ON ERROR GOTO *E"], Code.UNDEFINED_LABEL, 1),
+        (["ON A% GOTO *E"], Code.SYNTAX, 1),
+        (["CALL S"], Code.SYNTAX, 1),
+        (["SUB *S(A%"], Code.SYNTAX, 1),
+        (["INPUT A%+1"], Code.SYNTAX, 1),
         (["CASE 1"], Code.CASE_WITHOUT_SELECT, 1),
         (["END SELECT"], Code.END_SELECT_WITHOUT_SELECT, 1),
         (["EXIT FOR"], Code.EXIT_FOR_WITHOUT_FOR, 1),
@@ -208,11 +218,16 @@ def test_a_program_needs_a_name(name):
 # -- programs that run ---------------------------------------------------------------------------------------
 
 
-async def ran(wire, bench, lines, within_s=10.0):
-    """Upload and run; returns what it printed."""
+async def begun(wire, lines):
+    """Upload and run."""
     for line in ("@WRITE <T>", "NAME=T", *lines, "", "@LOAD <T>,T1", "@RUN"):
         wire.send(f"{line}\r\n")
     assert await wire.lines(4) == ["READY", "OK", "OK", "OK"]
+
+
+async def ran(wire, bench, lines, within_s=10.0):
+    """Upload and run to the end; returns what it printed."""
+    await begun(wire, lines)
     async with asyncio.timeout(within_s):
         while bench.controller.machine.running():
             await asyncio.sleep(0.005)
@@ -243,6 +258,29 @@ async def ran(wire, bench, lines, within_s=10.0):
         (["DO2()=&B101", "PRINT DO2(2,0)", "SET DO2(1)", "RESET DO(20)", "PRINT DO2()"], [3, 6]),
         (["REM one: two 'three", "PRINT 1 'comment"], [1]),
         (["WAIT DI(20)=1,50", "PRINT TIMEOUT"], [1]),
+        (["CALL *S(2,3)", "PRINT A%", "HALT", "SUB *S(A%,B%)", "A%=A%*B%", "PRINT A%", "END SUB"], [6, 0]),
+        (["N%=1", "CALL *S", "PRINT N%", "HALT", "SUB *S", "SHARED N%", "N%=5", "EXIT SUB", "N%=9", "END SUB"], [5]),
+        (
+            ["CALL *F(3)", "HALT", "SUB *F(N%)", "IF N%=0 THEN EXIT SUB", "CALL *F(N%-1)", "PRINT N%", "END SUB"],
+            [1, 2, 3],
+        ),
+        (
+            [
+                "CALL *S",
+                "HALT",
+                "SUB *S",
+                "FOR I%=1 TO 2",
+                "GOSUB *G",
+                "NEXT",
+                "EXIT SUB",
+                "*G: PRINT I%",
+                "RETURN:END SUB",
+            ],
+            [1, 2],
+        ),
+        (["ON ERROR GOTO *E", "PRINT 1/0", "PRINT 2", "HALT", "*E:", "PRINT ERR,ERL", "RESUME NEXT"], [393419, 2, 2]),
+        (["ON ERROR GOTO *E", "A%=0", "PRINT 6/A%", "HALT", "*E: A%=3", "RESUME"], [2.0]),
+        (["ON ERROR GOTO *E", "PRINT LOC1(P9)", "HALT", "*E:", "RESUME *F", "*F:", "PRINT 4"], [4]),
     ],
 )
 async def test_a_program_does_what_it_says(lines, printed):
@@ -320,6 +358,67 @@ async def test_an_error_in_a_running_program_stops_it_there_and_is_told():
         assert (await wire.ask("@?TSKMON T1", 2))[0] == "T,3,S,32"
         assert (await wire.ask("@?MSG", 2))[0].startswith("6.203")
         assert await wire.ask("@?ALM", 2) == ["0.0", "OK"]
+
+
+@pytest.mark.parametrize(
+    ("lines", "code"),
+    [
+        (["SUB *S", "PRINT 1", "END SUB"], "6.208"),
+        (["EXIT SUB"], "6.209"),
+        (["RESUME"], "6.201"),
+        (["SHARED A%"], "6.201"),
+        (["ON ERROR GOTO *E", "PRINT 1/0", "HALT", "*E:", "PRINT 2/0"], "6.203"),
+        (["ON ERROR GOTO *E", "ON ERROR GOTO 0", "PRINT 1/0", "*E:", "PRINT 2"], "6.203"),
+        (["CALL *S", "HALT", "SUB *S", "CALL *S", "END SUB"], "5.212"),
+    ],
+)
+async def test_a_wrong_way_through_a_program_stops_it_with_its_code(lines, code):
+    async with wire_on(speed=100, on=False) as (bench, wire):
+        await ran(wire, bench, lines)
+        assert (await wire.ask("@?MSG", 2))[0].partition(":")[0] == code
+
+
+async def test_an_error_number_has_the_group_in_its_upper_byte_on_an_rcx240():
+    async with wire_on(speed=100, dialect="rcx2") as (bench, wire):
+        for line in ("@WRITE PGM", "NAME=T", "ON ERROR GOTO *E", "PRINT 1/0", "*E: PRINT ERR", "", "@SWI <T>", "@RUN"):
+            wire.send(f"{line}\r\n")
+        assert await wire.lines(4) == ["READY", "OK", "OK", "OK"]
+        while bench.controller.machine.running():
+            await asyncio.sleep(0.005)
+        assert [entry.values for entry in bench.controller.log.of("print")] == [[6 << 8 | 3]]
+
+
+ASKS = ['INPUT "how many?",A%,T$', "PRINT A%+1,T$", "INPUT P5", "PRINT LOC2(P5)", "INPUT A%"]
+
+
+async def test_a_program_asks_on_the_line_and_is_answered_there():
+    async with wire_on(speed=50, on=False, dialogue="line") as (bench, wire):
+        await begun(wire, ASKS)
+        assert await wire.lines(1) == ["how many?"]
+        assert await wire.ask("@?MODE", 2) == ["2", "OK"]
+        assert await wire.ask('41, "left"') == ["42 left"]
+        assert await wire.ask("1.0 2.5 0.0 0.0 0.0 0.0") == ["2.5"]
+        wire.send("many\r\n")
+        while bench.controller.machine.running():
+            await asyncio.sleep(0.005)
+        assert (await wire.ask("@?MSG", 2))[0].startswith("5.202")
+        assert await wire.ask("many") == ["NG=14.222"]
+
+
+async def test_a_program_asks_at_the_pendant_unless_it_is_set_otherwise():
+    async with wire_on(speed=50, on=False) as (bench, wire):
+        with pytest.raises(ValueError, match="no program asks"):
+            bench.inject("robot", "key_in", text="1")
+        await begun(wire, ["INPUT A%", "PRINT A%", "INPUT A%"])
+        while not bench.controller.machine.dialogue.asks:
+            await asyncio.sleep(0.005)
+        assert await wire.ask("5") == ["NG=14.222"]
+        bench.inject("robot", "key_in", text="5")
+        while not bench.controller.machine.dialogue.asks:
+            await asyncio.sleep(0.005)
+        assert await wire.ask("@STOP") == ["OK"]
+        assert [entry.values for entry in bench.controller.log.of("print")] == [[5]]
+        assert not bench.controller.machine.dialogue.asks
 
 
 async def test_a_stopped_program_goes_on_where_it_was_and_a_reset_one_from_the_start():

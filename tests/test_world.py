@@ -52,7 +52,7 @@ def world(monkeypatch: pytest.MonkeyPatch) -> World:
     monkeypatch.setattr(made, "arm", StillArm())
     time = Time()
     monkeypatch.setattr(made.clock, "now", time)
-    made.conveyor = Conveyor(time)
+    made.conveyor = Conveyor(time, made.stream("conveyor"))
     made.suction = Suction(time)
     made.time = time  # type: ignore[attr-defined]
     return made
@@ -84,7 +84,7 @@ def test_a_carrier_arrives_with_a_base_and_a_battery_comes_with_it(world: World)
 
 def test_the_photo_switch_chatters_when_a_carrier_arrives() -> None:
     time = Time()
-    conveyor = Conveyor(time)
+    conveyor = Conveyor(time, np.random.default_rng(1))
     conveyor.put()
     seen = []
     for step in range(20):

@@ -10,13 +10,16 @@ import itertools
 import json
 import os
 import shutil
-from collections.abc import AsyncIterator, Callable, Mapping
+from collections.abc import AsyncIterator, Callable, Iterable, Mapping
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from cellctl.assembly.hand import Devices
 from cellctl.cell import Cell
 from cellctl.config import CellConfig, load_config
+from cellctl.config_camera import CameraConfig
+from cellctl.control.buttons import watch_buttons
 from cellctl.control.events import Event
 from cellctl.control.requests import parse_request
 from cellctl.control.session import Session
@@ -27,9 +30,13 @@ from cellctl.journal import Journal
 from cellctl.journal_file import FILE_NAME
 from cellctl.machine import State
 from cellctl.pictures.writer import Pictures
+from drivers.camera import Setup
+from drivers.v4l2 import V4l2Camera
 from simulators.cell import Addresses, SimulatedCell
 from simulators.layout import Carrier
 from simulators.product import load_product
+from simulators.robot.log import Log
+from simulators.v4l2 import V4l2CameraServer
 from simulators.world import World
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -59,6 +66,8 @@ class Bench:
         self.devices = devices
         self.events: list[Event] = []
         self.cell: Cell
+        self.press: Callable[[str], None]  # a button at the line
+        self.robot_log: Log
         self.session: Session
         self.journal: Journal
 
@@ -157,21 +166,37 @@ async def simulated(
     settings: Mapping[str, object] | None = None,
     carrier: Carrier = "tool",
     album: Path | None = None,
+    video_2: str | None = None,
+    dialect: Literal["rcx3", "rcx2"] = "rcx3",
 ) -> AsyncIterator[Bench]:
     """The simulated cell alone, with the configuration that a daemon needs in `folder / "cell.toml"`.
 
     `learnt` is the state folder of a commissioned cell of the same seed, `settings` are other [calibration] settings,
-    `carrier` is what camera 1 is on, `album` a folder that gets every picture.
+    `carrier` is what camera 1 is on, `album` a folder that gets every picture, `dialect` the robot controller's,
+    `video_2` the file of camera 2 as a V4L2 camera ("": it is opened in this process, without a file).
     """
-    config = _config(folder, loopback(), _hurried(recipes or ROOT / "recipes", folder / "hurried", speed), carrier)
-    config = config.model_copy(update={"calibration": config.calibration.model_copy(update=settings)})
+    copies, net = _hurried(recipes or ROOT / "recipes", folder / "hurried", speed), loopback()
+    swaps = (*(ON_THE_SECOND_ARM if carrier == "arm_2" else ()), *_as_v4l2(f"{net}.3", video_2))
+    config = _config(folder, net, copies, swaps)
+    config = config.model_copy(
+        update={
+            "calibration": config.calibration.model_copy(update=settings),
+            "robot": config.robot.model_copy(update={"dialect": dialect}),
+        }
+    )
     if learnt is not None:
         shutil.copytree(learnt, config.paths.state, ignore=shutil.ignore_patterns("*.db*", "log", "pictures"))
-    net = config.plc.host.rpartition(".")[0]
     world = World(seed, load_product(config.paths.recipes / f"{product}.toml"), speed=speed, carrier=carrier)
-    addresses = Addresses(f"{net}.1", config.plc.port, f"{net}.1", 10023, f"{net}.2", f"{net}.3")
-    async with SimulatedCell(world, addresses, album):
-        yield Bench(world, config, build_devices(config))
+    cameras = f"{net}.2", f"{net}.3" if video_2 is None else video_2
+    addresses = Addresses(f"{net}.1", config.plc.port, f"{net}.1", 10023, *cameras, robot_dialect=dialect)
+    async with SimulatedCell(world, addresses, album) as cell:
+        devices = build_devices(config)
+        if video_2 == "":
+            devices = replace(devices, camera_2=_opened_here(config.camera_2, cell.cameras[2]))
+        bench = Bench(world, config, devices)
+        bench.press = cell.plc.press
+        bench.robot_log = cell.robot.log
+        yield bench
 
 
 @contextlib.asynccontextmanager
@@ -192,14 +217,26 @@ def _hurried(recipes: Path, copies: Path, speed: float) -> Path:
     return copies
 
 
-def _config(folder: Path, net: str, recipes: Path, carrier: Carrier) -> CellConfig:
+def _as_v4l2(ip: str, path: str | None) -> tuple[tuple[str, str], ...]:
+    """How cell.toml changes when the camera of this address is a V4L2 one."""
+    if path is None:
+        return ()
+    return ((f'driver = "gige"\naddress = "{ip}"', f'driver = "v4l2"\naddress = "{path or "/dev/video0"}"'),)
+
+
+def _opened_here(camera: CameraConfig, server: object) -> V4l2Camera:
+    """A driver that reaches the simulated camera where there is no FUSE."""
+    assert isinstance(server, V4l2CameraServer)
+    return V4l2Camera("camera 2", camera.address, Setup(camera.serial, camera.region), open_node=server.open_here)
+
+
+def _config(folder: Path, net: str, recipes: Path, swaps: Iterable[tuple[str, str]]) -> CellConfig:
     text = (ROOT / "deploy" / "simulated-cell.toml").read_text(encoding="utf-8")
     text = text.replace('"127.0.0.', f'"{net}.').replace("tcp://127.0.0.", f"tcp://{net}.")
     text = text.replace('"../recipes"', f'"{recipes}"')
-    if carrier == "arm_2":
-        for old, new in ON_THE_SECOND_ARM:
-            assert old in text
-            text = text.replace(old, new)
+    for old, new in swaps:
+        assert old in text
+        text = text.replace(old, new)
     path = folder / "cell.toml"
     path.write_text(text, encoding="utf-8")
     return with_state(load_config(path), folder / "state")
@@ -218,13 +255,17 @@ async def running(bench: Bench) -> AsyncIterator[None]:
     scan = asyncio.create_task(bench.devices.plc.run())
     try:
         await bench.cell.start_up(clean=bench.journal.clean)
-        main = asyncio.create_task(bench.cell.run())
+        tasks = [
+            asyncio.create_task(bench.cell.run()),
+            asyncio.create_task(watch_buttons(bench.cell, bench.session.command)),
+        ]
         try:
             yield
         finally:
             await bench.cell.shut_down()
-            main.cancel()
-            await asyncio.wait([main])
+            for task in tasks:
+                task.cancel()
+            await asyncio.wait(tasks)
     finally:
         scan.cancel()
         await asyncio.wait([scan])

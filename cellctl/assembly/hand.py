@@ -5,10 +5,11 @@ The vacuum checks of the cycle are numbered where they stand; the switch is read
 
 import asyncio
 import time
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Sequence
 from contextlib import asynccontextmanager, suppress
 from dataclasses import dataclass
 
+from cellctl.assembly import ways
 from cellctl.config import Positions
 from cellctl.faults import PickFailed, VacuumStuck
 from cellctl.geometry import Pose
@@ -17,7 +18,7 @@ from cellctl.recipe import Motion, Pick, PlaceStep, Recipe
 from drivers.camera import Camera
 from drivers.errors import DeviceError, NoAnswer
 from drivers.plc import Plc
-from drivers.robot import Point, Robot
+from drivers.robot import Leg, Robot
 
 COMMAND_WITHIN_S = 5.0
 FREEING_SPEED_PCT = 20
@@ -45,7 +46,7 @@ class Hand:
 
     async def travel(self, to: Pose, elbow: Elbow | None = None) -> None:
         """Across, at travel height; with the elbow on that side, else on that of production."""
-        await self._move(to, self.positions.safe_z_mm, self.motion.travel_speed_pct, elbow)
+        await self._go([ways.across(to, self.positions, self.motion)], elbow)
 
     async def stop_at(self, at: Pose, z_mm: float | None = None, elbow: Elbow | None = None) -> None:
         """Stop exactly, approached from the same side every time, so that hysteresis cancels between stops."""
@@ -53,20 +54,18 @@ class Hand:
 
     async def stop_from(self, start: Pose, at: Pose, z_mm: float | None = None, elbow: Elbow | None = None) -> None:
         """Stop exactly, approached from a given side."""
-        await self.travel(start, elbow)
-        if z_mm is not None and z_mm != self.positions.safe_z_mm:
-            await self._move(start, z_mm, self.motion.touch_speed_pct, elbow)
-        await self.arrive(at, z_mm, elbow)
+        for leg in ways.stop(start, at, z_mm, self.positions, self.motion):
+            await self._go([leg], elbow)
+        await asyncio.sleep(self.motion.settle_s)
 
-    async def arrive(self, at: Pose, z_mm: float | None = None, elbow: Elbow | None = None) -> None:
-        """The last, slow stretch from `before` a stop to the stop, and stand still."""
-        await self._move(at, self.positions.safe_z_mm if z_mm is None else z_mm, self.motion.touch_speed_pct, elbow)
+    async def arrive(self, at: Pose) -> None:
+        """At travel height, the last, slow stretch from `before` a stop to the stop, and stand still."""
+        await self._go([ways.gently(at, self.positions.safe_z_mm, self.motion)])
         await asyncio.sleep(self.motion.settle_s)
 
     def before(self, at: Pose, uncertain_mm: float = 0.0, uncertain_deg: float = 0.0) -> Pose:
         """Where the one-sided approach in X, Y and R begins to a stop that is known to so many mm and degrees."""
-        back_mm, back_deg = self.motion.approach_mm + uncertain_mm, self.motion.approach_deg + uncertain_deg
-        return Pose(at.x_mm - back_mm, at.y_mm - back_mm, at.t_deg - back_deg)
+        return ways.before(at, self.motion, uncertain_mm, uncertain_deg)
 
     async def suck(self, at: Pose, z_mm: float) -> None:
         """Touch, suck, lift; touch again as often as the recipe allows. Raises PickFailed."""
@@ -117,11 +116,11 @@ class Hand:
 
     async def lower(self, at: Pose, z_mm: float) -> None:
         """Straight down onto something."""
-        await self._move(at, z_mm, self.motion.touch_speed_pct)
+        await self._go(ways.down(at, z_mm, self.positions, self.motion))
 
     async def lift(self, at: Pose) -> None:
         """Straight up to the travel height."""
-        await self._move(at, self.positions.safe_z_mm, self.motion.travel_speed_pct)
+        await self._go([ways.up(at, self.positions, self.motion)])
 
     def expect_vacuum(self, on: bool, number: int, fault: type[Exception], when: str) -> None:
         """One of the five vacuum checks of a cycle."""
@@ -145,9 +144,8 @@ class Hand:
         if plc.image.carrier_clamped and plc.image.carrier_id:
             await plc.release(plc.image.carrier_id, good=False, within_s=COMMAND_WITHIN_S)
 
-    async def _move(self, to: Pose, z_mm: float, speed_pct: int, elbow: Elbow | None = None) -> None:
-        flag = FLAGS[elbow] if elbow else None
-        await self.devices.robot.move(Point(to.x_mm, to.y_mm, z_mm, to.t_deg), speed_pct=speed_pct, hand=flag)
+    async def _go(self, legs: Sequence[Leg], elbow: Elbow | None = None) -> None:
+        await self.devices.robot.move_through(legs, hand=FLAGS[elbow] if elbow else None)
 
 
 async def lift_free(robot: Robot, safe_z_mm: float) -> None:
@@ -173,5 +171,5 @@ async def seeing(devices: Devices, recipe: Recipe) -> AsyncIterator[None]:
 
 
 def commanded(pose: Pose) -> Pose:
-    """The pose as the controller is told it: to 0.001 mm and 0.001 degrees."""
-    return Pose(*(round(number, 3) for number in pose))
+    """The pose as a controller of either generation can be told it exactly: to 0.01 mm and 0.01 degrees."""
+    return Pose(*(round(number, 2) for number in pose))

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from cellctl.calibration.plane_map import PlaneMap
-from cellctl.config import CameraConfig
+from cellctl.config_camera import CameraConfig
 from cellctl.geometry import Mm, Pose, Px, direction_deg
 from cellctl.placement import straight_fit
 from cellctl.recipe import Recipe

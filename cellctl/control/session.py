@@ -122,7 +122,7 @@ class Session:
         """What is done at once, without the disk."""
         match request:
             case CommandRequest():
-                self._command(request.command)
+                self.command(request.command)
             case ModeRequest():
                 self.cell.set_mode(request.mode)
             case RecipeUseRequest():
@@ -181,12 +181,13 @@ class Session:
             raise Declined(str(error)) from error
         log.info(f"drift of {recipe.model} is watched anew from the next start on")
 
-    def _command(self, command: Command) -> None:
+    def command(self, command: Command, why: str = "") -> None:
+        """By the socket or by a button. Raises Declined or NotAllowed."""
         if command is Command.START and self.cell.state is State.IDLE:
             self._recipe()  # a recipe that cannot be read is refused here, not in the middle of starting
             self.cell.set_mode(Mode.PRODUCTION)
             self.cell.make_work = self._production
-        self.cell.command(command)
+        self.cell.command(command, why)
 
     def _maintain(self, request: CalibrateRequest | TeachRequest | VerifyRequest | HysteresisRequest) -> None:
         if self.cell.state is not State.IDLE:

@@ -3,16 +3,18 @@
 import json
 from collections.abc import Coroutine, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import click
+
+T = TypeVar("T")
 
 OK = 0
 WRONG_SETTINGS = 78
 
 
-def run_loop(job: Coroutine[Any, Any, int]) -> int:
-    """Run the daemon's coroutine on a loop whose timers are exact: epoll rounds them up to a millisecond."""
+def run_loop(job: Coroutine[Any, Any, T]) -> T:
+    """Run a coroutine on a loop whose timers are exact: epoll rounds them up to a millisecond."""
     import asyncio
     import selectors
 

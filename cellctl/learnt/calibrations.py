@@ -8,11 +8,13 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, model_validator
 
 from cellctl.calibration.plane_map import PlaneMap
-from cellctl.config import CameraConfig, CellConfig
+from cellctl.config import CellConfig
+from cellctl.config_camera import CameraConfig
 from cellctl.faults import NotCalibrated
 from cellctl.geometry import Pose, Px
 from cellctl.learnt.doubts import doubt_about, temperature_now
 from cellctl.learnt.references import STRICT, Eye, Reference, now
+from drivers.camera import Region
 
 Square = tuple[tuple[float, ...], ...]
 ASYMMETRY = 1e-6  # of a correlation, from rounding
@@ -36,10 +38,11 @@ class ToolFigures(BaseModel):
 class CameraCalibration(Reference):
     """Where one camera is, what it makes of millimetres, and how well that is known."""
 
-    newest_schema: ClassVar[int] = 2
-    schema_version: Literal[2] = 2
+    newest_schema: ClassVar[int] = 3
+    schema_version: Literal[3] = 3
     camera: Eye
     serial: str
+    view: tuple[int, int, int, int]  # left, top, width and height of the picture on the sensor, px
     mount: Literal["tool", "arm_2", "bench"]
     robot_serial: str  # as in cell.toml
     robot_controller: str  # what the controller said of itself
@@ -124,6 +127,7 @@ def _foreign(config: CellConfig, calibration: CameraCalibration) -> str | None:
     remedy = f"run `cellctl calibrate {camera}`"
     pairs = (
         ("camera", calibration.serial, camera_config(config, camera).serial),
+        ("picture", Region(*calibration.view), camera_config(config, camera).region),
         ("robot", calibration.robot_serial, config.robot.serial),
         ("mount", calibration.mount, mount_of(config, camera)),
     )

@@ -19,7 +19,8 @@ from cellctl.calibration.errors import CalibrationError
 from cellctl.calibration.plan import Task
 from cellctl.calibration.scara import FloatArray, Noise, Setup
 from cellctl.calibration.view import drawn_setup
-from cellctl.config import CalibrationConfig, CameraConfig, CellConfig
+from cellctl.config import CalibrationConfig, CellConfig
+from cellctl.config_camera import CameraConfig
 from cellctl.faults import BatteryLost, CellError
 from cellctl.geometry import Pose
 from cellctl.learnt.references import Eye as EyeName

@@ -74,7 +74,7 @@ class Calibration:
         return await self._judged(looks.camera_2, result, centre)
 
     async def _judged(self, eye: Eye, result: HandEye, centre: ToolCentre | None) -> Outcome:
-        controller = await self.hand.devices.robot.identity()
+        controller = str(await self.hand.devices.robot.identity())
         return Outcome(await asyncio.to_thread(judged, self.config, eye.name, controller, result, centre))
 
     # -- hand-eye ----------------------------------------------------------------------------------------------

@@ -85,6 +85,7 @@ def _calibration(config: CellConfig, camera: Eye, controller: str, result: HandE
         made_at=now(),
         camera=camera,
         serial=camera_config(config, camera).serial,
+        view=camera_config(config, camera).region,
         mount=mount_of(config, camera),
         robot_serial=config.robot.serial,
         robot_controller=controller,

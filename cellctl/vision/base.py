@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 from cellctl.geometry import Px
+from cellctl.vision.circle import circle_of, circle_strip
 from cellctl.vision.features import (
     BaseMeasurement,
     Circle,
@@ -16,8 +17,12 @@ from cellctl.vision.features import (
     Pixels,
     Search,
 )
+from cellctl.vision.line import edge_of, lane_of, line_outline
+from cellctl.vision.outline import measure
+from cellctl.vision.picture import checked
 from cellctl.vision.plane import cross, direction, middle
-from cellctl.vision.single import find_circle, find_edge
+from cellctl.vision.single import roughly_circle, roughly_edge
+from cellctl.vision.strip import BAND_PX, line_strip, side_by_side
 
 EDGE_REACH_PX = 90.0  # once the hole is found, the edge can only be so far from its place: parallel grooves are further
 
@@ -32,10 +37,16 @@ def find_base(
     """
     way, lever = direction(edge.start, edge.end), middle(edge.start, edge.end)
     aside = abs((lever.u - circle.centre.u) * way.u + (lever.v - circle.centre.v) * way.v)
-    hole = find_circle(pixels, circle, search, limits)
-    moved = Px(hole.centre.u - circle.centre.u, hole.centre.v - circle.centre.v)
+    pixels = checked(pixels)
+    rough = roughly_circle(pixels, circle, search, limits)
+    moved = Px(rough.centre.u - circle.centre.u, rough.centre.v - circle.centre.v)
     reach = EDGE_REACH_PX + aside * math.tan(math.radians(search.angle_deg))
-    found = find_edge(pixels, _shifted(edge, moved), Search(reach, search.angle_deg), limits)
+    near = roughly_edge(pixels, _shifted(edge, moved), Search(reach, search.angle_deg), limits)
+    lane = lane_of(near, limits)
+    beside = line_strip(pixels, [lane], BAND_PX)
+    around, outline = circle_strip(pixels, rough, circle, len(beside.levels))
+    seen = measure(side_by_side(around, beside), [outline, line_outline(near, lane)], limits)
+    hole, (_, found) = circle_of(seen[0], circle, limits), edge_of(near, lane, seen[1], limits)
     return BaseMeasurement(hole, found, _checked_distance(hole, found, limits))
 
 

@@ -16,11 +16,13 @@ from cellctl.vision.features import (
     Search,
 )
 from cellctl.vision.gates import check_in_view
-from cellctl.vision.line import measure_line
+from cellctl.vision.line import Stretch, edge_of, lane_of, line_outline
+from cellctl.vision.outline import measure
 from cellctl.vision.pair import Near, Side, Sides, catch_pair, square_off_deg
 from cellctl.vision.picture import checked, checked_search
 from cellctl.vision.plane import ahead, cross, direction
 from cellctl.vision.scan import Line, Scan, stretch
+from cellctl.vision.strip import BAND_PX, line_strip
 
 OVERRUN_PX = (40.0, 260.0)  # past the corner: here the edge must have ended
 OVERRUN_STATIONS = 24
@@ -39,8 +41,7 @@ def find_battery(
     sides = _sides(edge_1, edge_2, search, limits)
     near = catch_pair(pixels, sides, search, limits)
     rough = _meet(sides, near[0].caught.line, near[1].caught.line)
-    line_1, seen_1 = _measure(pixels, sides[0], near[0], rough, limits)
-    line_2, seen_2 = _measure(pixels, sides[1], near[1], rough, limits)
+    (line_1, seen_1), (line_2, seen_2) = _measure(pixels, sides, near, rough, limits)
     corner = _meet(sides, line_1, line_2)
     for side, line, edge in ((sides[0], line_1, seen_1), (sides[1], line_2, seen_2)):
         check_end(pixels, side, line, corner, edge, limits)
@@ -60,11 +61,21 @@ def _sides(edge_1: ExpectedEdge, edge_2: ExpectedEdge, search: Search, limits: L
     return sides
 
 
-def _measure(pixels: Pixels, side: Side, near: Near, corner: Px, limits: Limits) -> tuple[Line, Edge]:
+def _measure(
+    pixels: Pixels, sides: Sides, near: tuple[Near, Near], corner: Px, limits: Limits
+) -> list[tuple[Line, Edge]]:
+    found = [_stretch(pixels, side, each, corner, limits) for side, each in zip(sides, near, strict=True)]
+    lanes = [lane_of(each, limits) for each in found]
+    outlines = [line_outline(each, lane) for each, lane in zip(found, lanes, strict=True)]
+    seen = measure(line_strip(pixels, lanes, BAND_PX), outlines, limits)
+    return [edge_of(*each, limits) for each in zip(found, lanes, seen, strict=True)]
+
+
+def _stretch(pixels: Pixels, side: Side, near: Near, corner: Px, limits: Limits) -> Stretch:
     first, last = side.used(pixels, corner, near.way, limits.corner_skip_px)
     expected_px = (side.length_px - limits.corner_skip_px) * near.way[side.scan.axis]
     check_in_view(first, last, expected_px, limits, side.name)
-    return measure_line(pixels, side.scan, near.caught, first, last, limits, side.name)
+    return Stretch(side.name, side.scan, near.caught, first, last)
 
 
 def _meet(sides: Sides, one: Line, two: Line) -> Px:
@@ -85,8 +96,12 @@ def check_end(pixels: Pixels, side: Side, line: Line, corner: Px, edge: Edge, li
     across = np.rint(line.across(along)).clip(rim, scan.limits(pixels)[1] - rim - 1).astype(np.int64)
     step, beside = scan.strides(pixels)
     places = (along * step + across * beside)[:, None]
-    above, below = (pixels.reshape(-1).take(places + k * beside).mean(axis=1) for k in (BESIDE_PX, -BESIDE_PX))
-    overrun = float(np.mean((above - below) * scan.rising > 0.4 * edge.contrast))
+    above, below = (
+        np.add.reduce(pixels.reshape(-1).take(places + k * beside), axis=1, dtype=np.int32)
+        for k in (BESIDE_PX, -BESIDE_PX)
+    )
+    like_it = (above - below) * scan.rising > 0.4 * edge.contrast * BESIDE_PX.size
+    overrun = np.count_nonzero(like_it) / OVERRUN_STATIONS
     if overrun > limits.max_overrun:
         raise NotFound("corner", f"{overrun:.0%} of the extension of {side.name} past the corner look like the edge")
 

@@ -25,7 +25,7 @@ from cellctl.vision.edgels import (
 )
 from cellctl.vision.features import ExpectedCircle, Pixels
 from cellctl.vision.picture import checked
-from cellctl.vision.robust import circle_consensus, middle, tukey_fit
+from cellctl.vision.robust import circle_consensus, middle, rays, tukey_fit
 from cellctl.vision.steps import step_response
 
 RADII_PX = (36, 860)
@@ -106,15 +106,14 @@ def follow_circle(pixels: Pixels, guess: ExpectedCircle) -> RoundOutline | None:
     blocks = blocks_of(strip, RAYS_PER_BLOCK)
     hit, height = step_response(blocks, 1.0 if guess.dark_inside else -1.0)
     at = phi.reshape(-1, RAYS_PER_BLOCK).mean(axis=1)
-    design, away = np.stack([np.cos(at), np.sin(at), np.ones_like(at)], axis=1), hit - RAY_PX
-    strong = height > LEAST_CONTRAST
-    together = circle_consensus(design[strong], away[strong], 0.5 * RAY_PX)
+    about, away = rays(at), hit - RAY_PX
+    together = circle_consensus(about, away, height > LEAST_CONTRAST, 0.5 * RAY_PX)
     if together is None:
         return None
-    fit = tukey_fit(design[strong], away[strong], together.astype(np.float64), 4)
+    fit = tukey_fit(about.design, away, together.astype(np.float64), 4)
     coverage = np.count_nonzero(fit.weights) / len(blocks)
     if coverage < LEAST_COVERAGE:
         return None
     du, dv, growth = (float(p) for p in fit.parameters)
     circle = ExpectedCircle(Px(guess.centre.u + du, guess.centre.v + dv), guess.radius_px + growth, guess.dark_inside)
-    return RoundOutline(circle, middle(height[strong][fit.weights > 0.0]), coverage)
+    return RoundOutline(circle, middle(height[fit.weights > 0.0]), coverage)

@@ -14,7 +14,7 @@ import numpy as np
 
 from cellctl.geometry import Px
 from cellctl.vision.features import ExpectedCircle, ExpectedEdge, Limits, NotFound, Pixels, Singles
-from cellctl.vision.picture import COARSE, Box, coarse, to_coarse, to_fine
+from cellctl.vision.picture import COARSE, Box, Coarse, coarse, to_coarse, to_fine
 from cellctl.vision.plane import direction, middle
 
 TURN_STEP_DEG = 0.25
@@ -26,6 +26,7 @@ LEAST_VOTES = 0.15  # per coarse px of radius, at the peak: a whole, clean outli
 LEAST_SHARE = 0.8  # of the best peak's votes; half of joint votes come from the other edge
 GRADIENT_PER_LEVEL = 2.0  # the weakest edge of contrast c has coarse gradients of this times c
 SPARE_PX = 3 * COARSE
+OUT_OF_REACH = 1e6
 
 
 class Frame(NamedTuple):
@@ -56,17 +57,14 @@ def rough_circle(pixels: Pixels, circle: ExpectedCircle, search_px: float, limit
     """Centre of the circle of that radius to about 5 px. Raises NotFound when there is none, or two."""
     (cu, cv), far = circle.centre, circle.radius_px + search_px + SPARE_PX
     picture = coarse(pixels, Box(cu - far, cv - far, cu + far, cv + far), "hole")
-    size = cv2.magnitude(picture.along_u, picture.along_v)
-    v, u = np.nonzero(size > GRADIENT_PER_LEVEL * limits.min_contrast)
     radius = circle.radius_px / COARSE
-    step = (radius if circle.dark_inside else -radius) / size[v, u]
     reach = math.ceil(search_px / COARSE) + 2
     left, top = round(to_coarse(cu)) - reach, round(to_coarse(cv)) - reach
-    bu = np.rint(u - picture.along_u[v, u] * step).astype(np.int32) + (picture.left - left)
-    bv = np.rint(v - picture.along_v[v, u] * step).astype(np.int32) + (picture.top - top)
     n = 2 * reach + 1
-    inside = (bu >= 0) & (bu < n) & (bv >= 0) & (bv < n)
-    single = np.bincount(bv[inside] * n + bu[inside], minlength=n * n).reshape(n, n).astype(np.float32)
+    u, v = _centres(picture, radius if circle.dark_inside else -radius, GRADIENT_PER_LEVEL * limits.min_contrast)
+    bu, bv = (u + (picture.left + 0.5 - left)).astype(np.intp), (v + (picture.top + 0.5 - top)).astype(np.intp)
+    place = (bv * n + bu)[(bu >= 0) & (bu < n) & (bv >= 0) & (bv < n)]
+    single = np.bincount(place, minlength=n * n).reshape(n, n).astype(np.float32)
     count = cv2.GaussianBlur(single, (7, 7), 1.4, borderType=cv2.BORDER_CONSTANT)
     _, votes, _, (best_u, best_v) = cv2.minMaxLoc(count)
     if votes < LEAST_VOTES * radius:
@@ -77,6 +75,18 @@ def rough_circle(pixels: Pixels, circle: ExpectedCircle, search_px: float, limit
         detail = f"another centre has {share:.0%} of its votes, allowed are {limits.max_rival:.0%}"
         raise NotFound("hole rival", f"{detail}: two holes, or one of another radius?")
     return Px(to_fine(left + best_u), to_fine(top + best_v))
+
+
+def _centres(picture: Coarse, step: float, least: float) -> tuple[Singles, Singles]:
+    """Where outlines' points see the centre of their circle, `step` coarse px towards their dark side."""
+    gu, gv = picture.along_u, picture.along_v
+    strong = np.flatnonzero(np.maximum(np.abs(gu), np.abs(gv)) > 0.7 * least)
+    du, dv = gu.reshape(-1).take(strong).astype(np.float32), gv.reshape(-1).take(strong).astype(np.float32)
+    size = cv2.magnitude(du, dv)[:, 0]
+    v, u = np.divmod(strong, gu.shape[1])
+    reach = np.float32(step) / size
+    reach[size <= least] = OUT_OF_REACH
+    return u - du * reach, v - dv * reach
 
 
 def line_votes(
@@ -90,17 +100,23 @@ def line_votes(
     far = [half * abs(along[i]) + across * abs(bright[i]) + 1.0 for i in (0, 1)]
     box = Box(*(to_fine(centre[i] + sign * far[i]) for sign in (-1.0, 1.0) for i in (0, 1)))
     picture = coarse(pixels, box, name)
-    gu, gv = picture.along_u, picture.along_v
-    rise = gu * np.float32(bright[0]) + gv * np.float32(bright[1])
-    drift = gu * np.float32(along[0]) + gv * np.float32(along[1])
-    steep = np.float32(math.tan(angle + math.radians(SPARE_DEG)))
-    v, u = np.nonzero((rise > GRADIENT_PER_LEVEL * min_contrast) & (np.abs(drift) < steep * rise))
+    steep = math.tan(angle + math.radians(SPARE_DEG))
+    u, v, rise = _rising(picture, along, bright, steep, GRADIENT_PER_LEVEL * min_contrast)
     du, dv = u + np.float32(picture.left - centre[0]), v + np.float32(picture.top - centre[1])
     s = du * np.float32(along[0]) + dv * np.float32(along[1])
     d = du * np.float32(bright[0]) + dv * np.float32(bright[1])
     used = np.flatnonzero((np.abs(s) <= half) & (np.abs(d) <= across))
-    weight = np.sqrt(rise[v[used], u[used]])
-    return Votes(*_accumulated(s[used].astype(np.float32), d[used].astype(np.float32), weight, reach, angle), frame)
+    return Votes(*_accumulated(s[used], d[used], np.sqrt(rise[used]), reach, angle), frame)
+
+
+def _rising(picture: Coarse, along: Px, bright: Px, steep: float, least: float) -> tuple[Singles, Singles, Singles]:
+    """Places u, v of gradients towards the bright side, at most so steep across it, and their sizes."""
+    gu, gv = picture.along_u, picture.along_v
+    rise = cv2.addWeighted(gu, bright[0], gv, bright[1], 0.0)
+    drift = np.abs(cv2.addWeighted(gu, along[0], gv, along[1], 0.0))
+    found = np.flatnonzero((rise > least) & (cv2.addWeighted(rise, steep, drift, -1.0, 0.0) > 0))
+    v, u = np.divmod(found, gu.shape[1])
+    return u.astype(np.float32), v.astype(np.float32), rise.reshape(-1).take(found).astype(np.float32)
 
 
 def _accumulated(s: Singles, d: Singles, weight: Singles, reach: float, angle: float) -> tuple[Singles, Singles]:

@@ -6,14 +6,14 @@ import numpy as np
 
 from cellctl.vision.features import Appearance, Floats, Limits, NotFound
 from cellctl.vision.profile import saturated
-from cellctl.vision.strip import Strip
+from cellctl.vision.strip import Part, Strip
 
 
-def check_seen(strip: Strip, weights: Floats, fewest: int, limits: Limits, name: str) -> None:
+def check_seen(strip: Strip, part: Part, weights: Floats, fewest: int, limits: Limits, name: str) -> None:
     """Raises NotFound when fewer blocks than that are to be believed."""
     seen = np.count_nonzero(weights)
     if seen < fewest:
-        _check_saturation(saturated(strip), limits, name)
+        _check_saturation(saturated(strip, part), limits, name)
         raise NotFound(name, f"{seen} of {len(weights)} stretches of its outline see it, needed are {fewest}")
 
 

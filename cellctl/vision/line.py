@@ -1,25 +1,25 @@
-"""One straight edge: caught by calipers near its rough place, measured by blocks of 16 columns or rows. Pure."""
+"""Straight edges: caught by calipers near their rough places, measured by blocks of 16 columns or rows. Pure."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
-from cellctl.vision.features import Edge, Floats, Limits, NotFound, Pixels
-from cellctl.vision.gates import accept_outline, check_seen
-from cellctl.vision.profile import Blocks, appearance, beliefs, better_width, block_offsets
-from cellctl.vision.robust import Fit, covariance, line_consensus, middle, tukey_fit
+from cellctl.vision.features import Edge, Floats, Limits, NotFound, Pixels, Singles
+from cellctl.vision.gates import accept_outline
+from cellctl.vision.outline import Measured, Outline
+from cellctl.vision.robust import line_consensus, middle, straight, tukey_fit
 from cellctl.vision.scan import Line, Scan, edge_covariance
-from cellctl.vision.steps import PLATEAU_PX, Response, Steps, respond, true_steps
-from cellctl.vision.strip import BAND_PX, BLOCK_PX, Strip, line_strip
+from cellctl.vision.steps import PLATEAU_PX, Steps, respond, true_steps
+from cellctl.vision.strip import BLOCK_PX, Lane, line_strip
 
-CALIPER_PX = 28  # to either side of the rough line: beyond, another edge is another peak of the votes
-SKIP = 4  # calipers take every fourth column
+CALIPER_PX = 32  # to either side of the rough line: beyond, another edge is another peak of the votes
+SKIP = 8  # calipers take two columns of each block
 FEWEST_BLOCKS = 8
 FEWEST_HITS = 6
-ROUNDS = (2, 5)  # of the robust fit in the first and in the last pass
 
 
 class Caught(NamedTuple):
@@ -31,111 +31,109 @@ class Caught(NamedTuple):
     rival: float  # share of its calipers that see another such step at one distance beside it
 
 
-def catch_line(pixels: Pixels, scan: Scan, near: Line, first: int, last: int, min_contrast: float) -> Caught | None:
-    """The line that most calipers near a rough line agree on; None when they do not agree."""
-    blocks = (last - first) // BLOCK_PX
-    if blocks < FEWEST_BLOCKS:
-        return None
-    strip = line_strip(pixels, scan, near, first, blocks, CALIPER_PX + PLATEAU_PX, SKIP)
-    seen = respond(strip.levels)
-    steps = true_steps(seen)
-    t = _middles(first, blocks, SKIP) - near.at
-    offset = strip.distance[:, 0] / near.cosine + steps.place
-    n = near.slope * t + scan.rising * offset
-    strong = steps.height > 0.5 * min_contrast
-    together = line_consensus(t[strong], n[strong])
-    if together is None or np.count_nonzero(together) < FEWEST_HITS:
-        return None
-    fit = tukey_fit(_straight(t[strong]), n[strong], together.astype(np.float64), 2)
-    used = steps.only(strong).only(together)
-    line = Line(near.at, near.height + float(fit.parameters[0]), float(fit.parameters[1]))
-    beside = _beside(seen, steps.place + (_straight(t) @ fit.parameters - n) * scan.rising, t, used)
-    score = np.count_nonzero(fit.weights) / blocks * math.sqrt(middle(used.height))
-    return Caught(line, used.width(), score, beside / used.place.size)
+class _Hits(NamedTuple):
+    """What the calipers of one lane see of its line."""
 
-
-def _straight(t: Floats) -> Floats:
-    return np.stack([np.ones_like(t), t], axis=1)
-
-
-def _beside(seen: Response, place: Floats, t: Floats, used: Steps) -> int:
-    """How many calipers see a second step of at least half the height that follows the line at some distance."""
-    other = true_steps(seen.without(place))
-    strong = other.height > 0.5 * middle(used.height)
-    together = line_consensus(t[strong], (other.place - place)[strong])
-    return 0 if together is None else int(np.count_nonzero(together))
-
-
-def _middles(first: int, blocks: int, every: int) -> Floats:
-    """Along, of the columns (or rows) that each block takes."""
-    return np.asarray(np.arange(blocks) * float(BLOCK_PX) + (first + (BLOCK_PX - every) / 2.0), np.float64)
-
-
-class _Measured(NamedTuple):
-    """The last pass over an edge."""
-
+    t: Floats  # of all calipers, along, from the line's reference
     line: Line
-    t: Floats  # middles of the blocks along
-    strip: Strip
-    blocks: Blocks
-    weights: Floats  # before the fit
-    fit: Fit
-    width_px: float
+    place: Floats  # of the line in the profiles of all calipers
+    used: Steps  # those that make the line: none when they do not agree
+    inliers: int
 
 
-def measure_line(
-    pixels: Pixels, scan: Scan, near: Caught, first: int, last: int, limits: Limits, name: str
-) -> tuple[Line, Edge]:
-    """Measure an edge within the scanned range, starting from a line good to a pixel or two; it runs as expected.
+def catch_lines(pixels: Pixels, lanes: Sequence[Lane], min_contrast: float) -> list[Caught | None]:
+    """For each lane, the line that most of its calipers agree on; None when they do not agree."""
+    strip = line_strip(pixels, lanes, CALIPER_PX + PLATEAU_PX, SKIP)
+    seen = respond(np.ascontiguousarray(strip.levels.T))
+    steps = true_steps(seen)
+    hits = [
+        _hits(lane, strip.distance[0, part.where], steps.only(part.where), 0.5 * min_contrast)
+        for lane, part in zip(lanes, strip.parts, strict=True)
+    ]
+    other = true_steps(seen.without(np.concatenate([hit.place for hit in hits])))
+    return [
+        _caught(lane, hit, other.only(part.where)) for lane, hit, part in zip(lanes, hits, strip.parts, strict=True)
+    ]
 
-    Raises NotFound with `name` when too few blocks see an edge, or when a limit is not kept.
-    """
+
+def _hits(lane: Lane, begin: Singles, steps: Steps, least: float) -> _Hits:
+    """The line through the steps of a lane; `begin` is the distance of each profile's first row."""
+    near, rising = lane.line, lane.scan.rising
+    t, offset = lane.middles(SKIP) - near.at, begin / near.cosine + steps.place
+    strong = np.flatnonzero(steps.height > least)
+    together = line_consensus(t[strong], offset[strong])
+    if together is None or np.count_nonzero(together) < FEWEST_HITS:
+        return _Hits(t, near, steps.place, steps.only(slice(0)), 0)
+    design, hits = straight(t), strong[together]
+    fit = tukey_fit(design[hits], offset[hits], np.ones(hits.size), 2)
+    height, slope = (rising * float(p) for p in fit.parameters)
+    line = Line(near.at, near.height + height, near.slope + slope)
+    place = steps.place - offset + design @ fit.parameters
+    return _Hits(t, line, place, steps.only(hits), int(np.count_nonzero(fit.weights)))
+
+
+def _caught(lane: Lane, hit: _Hits, other: Steps) -> Caught | None:
+    """The line, and how many calipers see a second step of at least half its height at one distance beside it."""
+    count = hit.used.place.size
+    if count == 0:
+        return None
+    height = middle(hit.used.height)
+    strong = np.flatnonzero(other.height > 0.5 * height)
+    together = line_consensus(hit.t[strong], (other.place - hit.place)[strong])
+    beside = 0 if together is None else int(np.count_nonzero(together))
+    return Caught(hit.line, hit.used.width(), hit.inliers / lane.blocks * math.sqrt(height), beside / count)
+
+
+class Stretch(NamedTuple):
+    """The stretch of an edge that is to be measured."""
+
+    name: str
+    scan: Scan
+    near: Caught
+    first: int
+    last: int
+
+
+def lane_of(stretch: Stretch, limits: Limits) -> Lane:
+    """Its blocks. Raises NotFound when they are too few, or when another edge could be meant."""
+    name, scan, near, first, last = stretch
     blocks = (last - first) // BLOCK_PX
     if blocks < FEWEST_BLOCKS:
         raise NotFound(name, f"only {max(0, last - first)} px of it are in the picture")
     if near.rival > limits.max_rival:
         detail = f"{near.rival:.0%} of it has another edge at its side, allowed are {limits.max_rival:.0%}"
         raise NotFound(f"{name} rival", detail)
-    seen = _measured(pixels, scan, near, first, blocks, limits, name)
-    edge = _edge(scan, seen, limits)
-    accept_outline(edge.appearance, edge.inliers, edge.residual_px, limits, name)
+    return Lane(scan, near.line.moved(first + (blocks * BLOCK_PX - 1) / 2.0), first, blocks)
+
+
+def line_outline(stretch: Stretch, lane: Lane) -> Outline:
+    """What moves the blocks: height and slope of the line in the scan's coordinates."""
+    line = lane.line
+    design = (lane.scan.rising * line.cosine) * straight(lane.middles() - line.at)
+    return Outline(stretch.name, design, np.array([line.height, line.slope]), stretch.near.width_px, FEWEST_BLOCKS)
+
+
+def edge_of(stretch: Stretch, lane: Lane, seen: Measured, limits: Limits) -> tuple[Line, Edge]:
+    """The measured edge. Raises NotFound when a limit is not kept."""
+    height, slope = (float(p) for p in seen.parameters)
+    line = Line(lane.line.at, height, slope)
+    edge = _edge(lane, line, seen)
+    accept_outline(edge.appearance, edge.inliers, edge.residual_px, limits, stretch.name)
     if edge.angle_sd_deg > limits.max_angle_sd_deg:
         detail = f"its angle is only known to {edge.angle_sd_deg * 1e3:.1f} mdeg"
-        raise NotFound(f"{name} angle", f"{detail}, allowed are {limits.max_angle_sd_deg * 1e3:.1f}")
-    return seen.line, edge
+        raise NotFound(f"{stretch.name} angle", f"{detail}, allowed are {limits.max_angle_sd_deg * 1e3:.1f}")
+    return line, edge
 
 
-def _measured(
-    pixels: Pixels, scan: Scan, near: Caught, first: int, blocks: int, limits: Limits, name: str
-) -> _Measured:
-    t = _middles(first, blocks, 1)
-    line, width = near.line.moved(float(t[0] + t[-1]) / 2.0), near.width_px
-    design = _straight(t - line.at)
-    strip = line_strip(pixels, scan, line, first, blocks, BAND_PX)
-    towards_bright = scan.rising * line.cosine
-    for rounds in ROUNDS:
-        seen = block_offsets(strip, width)
-        weights = beliefs(strip, seen, 0.5 * limits.min_contrast)
-        check_seen(strip, weights, FEWEST_BLOCKS, limits, name)
-        fit = tukey_fit(design, -seen.shift / towards_bright, weights, rounds)
-        line = Line(line.at, line.height + float(fit.parameters[0]), line.slope + float(fit.parameters[1]))
-        width = better_width(seen, fit.weights, width)
-        strip = strip.moved(towards_bright * (design @ fit.parameters))
-    return _Measured(line, t, strip, seen, weights, fit, width)
-
-
-def _edge(scan: Scan, seen: _Measured, limits: Limits) -> Edge:
-    line, fit = seen.line, seen.fit
-    used = seen.t[fit.weights > 0.0] if fit.weights.any() else seen.t
+def _edge(lane: Lane, line: Line, seen: Measured) -> Edge:
+    scan, used = lane.scan, lane.middles()[seen.used]
     ends = [float(used[i]) for i in ((0, -1) if scan.forward else (-1, 0))]
     start, end = (scan.point(along, line.moved(along).height) for along in ends)
-    inliers = float(np.mean(fit.weights > 0.0))
-    spread = covariance(_straight(seen.t - line.at), fit, seen.weights)
     return Edge(
         start=start,
         end=end,
-        covariance=edge_covariance(scan, line, start, end, spread),
-        appearance=appearance(seen.strip, seen.blocks, fit.weights, seen.width_px, 0.5 * limits.min_contrast),
-        inliers=inliers,
-        residual_px=fit.spread * line.cosine,
+        covariance=edge_covariance(scan, line, start, end, seen.spread),
+        appearance=seen.appearance,
+        inliers=seen.inliers,
+        residual_px=seen.residual_px,
     )

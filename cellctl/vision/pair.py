@@ -11,9 +11,10 @@ import numpy as np
 from cellctl.geometry import Px, wrap_deg
 from cellctl.vision.coarse import Votes, line_votes, rough_lines, turns_the_same_way
 from cellctl.vision.features import ExpectedEdge, Limits, NotFound, Pixels, Search, Singles
-from cellctl.vision.line import Caught, catch_line
+from cellctl.vision.line import FEWEST_BLOCKS, Caught, catch_lines
 from cellctl.vision.plane import ahead, angle_deg, direction
 from cellctl.vision.scan import Line, Scan, stretch
+from cellctl.vision.strip import BLOCK_PX, Lane
 
 ROUGH_SQUARE_DEG = 0.8  # rough lines may be so far from the expected angle between them
 DISTINCT_PX = 8.0  # lines closer than this are one
@@ -60,7 +61,7 @@ def square_off_deg(sides: Sides, one: Px, two: Px) -> float:
 def catch_pair(pixels: Pixels, sides: Sides, search: Search, limits: Limits) -> tuple[Near, Near]:
     """The best pair of rough lines. Raises NotFound: no light, no lines, none that fit together, or a rival."""
     votes = _joint_votes(pixels, sides, search, limits)
-    found = [_catch(pixels, side, vote, limits) for side, vote in zip(sides, votes, strict=True)]
+    found = _catch(pixels, sides, votes, limits)
     for side, lines in zip(sides, found, strict=True):
         if not lines:
             raise NotFound(side.name, f"no straight edge within {search.position_px:.0f} px of its place")
@@ -92,15 +93,29 @@ def _backed(votes: Votes, support: Singles) -> Votes:
     return votes._replace(heights=np.where(votes.heights > 0.0, votes.heights + wide, 0.0).astype(np.float32))
 
 
-def _catch(pixels: Pixels, side: Side, votes: Votes, limits: Limits) -> list[Near]:
-    first, last = side.used(pixels, side.edge.start, side.way, limits.corner_skip_px)
-    lines = []
-    for rough in rough_lines(votes, 2):
-        caught = catch_line(pixels, side.scan, Line.through(side.scan, rough), first, last, limits.min_contrast)
-        if caught is not None:
-            along = math.copysign(caught.line.cosine, side.way[side.scan.axis])
-            lines.append(Near(caught, side.scan.point(along, along * caught.line.slope)))
-    return lines
+def _catch(pixels: Pixels, sides: Sides, votes: tuple[Votes, Votes], limits: Limits) -> tuple[list[Near], list[Near]]:
+    """The lines of both sides: all are looked at together."""
+    lanes: list[tuple[int, Lane]] = []
+    for number, (side, vote) in enumerate(zip(sides, votes, strict=True)):
+        first, last = side.used(pixels, side.edge.start, side.way, limits.corner_skip_px)
+        blocks = (last - first) // BLOCK_PX
+        if blocks >= FEWEST_BLOCKS:
+            lanes += [
+                (number, Lane(side.scan, Line.through(side.scan, rough), first, blocks))
+                for rough in rough_lines(vote, 2)
+            ]
+    found: tuple[list[Near], list[Near]] = [], []
+    if lanes:
+        caught = catch_lines(pixels, [lane for _, lane in lanes], limits.min_contrast)
+        for (number, _), each in zip(lanes, caught, strict=True):
+            if each is not None:
+                found[number].append(_near(sides[number], each))
+    return found
+
+
+def _near(side: Side, caught: Caught) -> Near:
+    along = math.copysign(caught.line.cosine, side.way[side.scan.axis])
+    return Near(caught, side.scan.point(along, along * caught.line.slope))
 
 
 def _check_rivals(side: Side, chosen: Near, lines: list[Near], limits: Limits) -> None:

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from cellctl.geometry import Px
-from cellctl.vision.features import NotFound, Pixels, Search, Singles
+from cellctl.vision.features import NotFound, Pixels, Search
+
+Shorts: TypeAlias = NDArray[np.int16]
 
 COARSE = 8  # one coarse pixel is 8 x 8 pixels
 SMALLEST_PX = 64
@@ -34,8 +37,8 @@ class Coarse(NamedTuple):
     Its first pixel is coarse pixel (left, top) of the picture.
     """
 
-    along_u: Singles
-    along_v: Singles
+    along_u: Shorts
+    along_v: Shorts
     left: int
     top: int
 
@@ -67,8 +70,8 @@ def coarse(pixels: Pixels, box: Box, name: str) -> Coarse:
         raise NotFound("view", f"the {name} is expected outside the picture")
     small = _eighth(pixels[top * COARSE : bottom * COARSE, left * COARSE : right * COARSE])
     _check_light(small, name)
-    along_u, along_v = cv2.Sobel(small, cv2.CV_32F, 1, 0), cv2.Sobel(small, cv2.CV_32F, 0, 1)
-    return Coarse(np.asarray(along_u, np.float32), np.asarray(along_v, np.float32), left, top)
+    along_u, along_v = cv2.spatialGradient(small)
+    return Coarse(np.asarray(along_u, np.int16), np.asarray(along_v, np.int16), left, top)
 
 
 def _whole(first: float, last: float, limit: int) -> tuple[int, int]:
@@ -83,11 +86,14 @@ def check_light(pixels: Pixels, name: str) -> None:
 
 
 def _eighth(pixels: Pixels) -> Pixels:
-    """The picture at an eighth of its size, by three halvings: five times faster than one step."""
-    small = pixels[: pixels.shape[0] // COARSE * COARSE, : pixels.shape[1] // COARSE * COARSE]
-    for _ in range(3):
+    """The picture at an eighth of its size, of every second row: reading pixels from memory takes longest.
+
+    Two halvings and one of the width alone, five times faster than one step.
+    """
+    small = pixels[: pixels.shape[0] // COARSE * COARSE : 2, : pixels.shape[1] // COARSE * COARSE]
+    for _ in range(2):
         small = np.asarray(cv2.resize(small, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA), np.uint8)
-    return small
+    return np.asarray(cv2.resize(small, None, fx=0.5, fy=1.0, interpolation=cv2.INTER_LINEAR), np.uint8)
 
 
 def _check_light(small: Pixels, name: str) -> None:

@@ -59,6 +59,8 @@ class RobotController:
         self._servants: dict[Session, asyncio.Task[None]] = {}
         self._boots_until_s = 0.0
         self.machine.mishaps.later = self.later
+        if options.dialogue == "line":
+            self.machine.dialogue.tell = self._tell_all
         world.subscribe(self._safety_changed)
         world.register("robot", self.inject)
 
@@ -142,6 +144,11 @@ class RobotController:
     def negotiated(self, session: Session, told: Negotiation) -> None:
         """The client has said something about telnet."""
         self._clients.negotiated(session, told)
+
+    def _tell_all(self, text: str) -> None:
+        """A program prints it, on every line."""
+        for session in self._servants:
+            session.say(text)
 
     def later(self, for_s: float, do: Callable[[], None]) -> None:
         """Do this after so many world seconds."""

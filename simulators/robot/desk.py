@@ -61,10 +61,7 @@ class Desk:
         if session in self._uploads:
             self._take(session, line)
             return
-        if dialect.options.dialogue == "line" and self._machine.dialogue.asks and is_answer(line):
-            self._machine.dialogue.answer(line.strip())
-            return
-        command = dialect.command(line)
+        command = None if self._answers_program(line) else dialect.command(line)
         if command is None:
             return
         if self._faults.refusals:
@@ -75,6 +72,14 @@ class Desk:
             self._answer(session, command.text)
         else:
             await self._do(session, statement(command.text, dialect.words))
+
+    def _answers_program(self, line: str) -> bool:
+        """Take a line that no command begins while a program asks for an input, if it may ask on the line."""
+        machine, text = self._machine, line.strip()
+        if machine.dialect.options.dialogue != "line" or not machine.dialogue.asks or not text or text[0] == "@":
+            return False
+        machine.dialogue.answer(text)
+        return True
 
     def _answer(self, session: Session, text: str) -> None:
         if session.is_network and self._machine.dialect.is_network_unit and text.startswith("ETHER"):
@@ -232,8 +237,3 @@ class Desk:
         for line in lines:
             self._machine.log.add("said", client=session.name, line=line)
         session.say(*lines)
-
-
-def is_answer(line: str) -> bool:
-    """Whether a line that comes while a program asks is meant for it: commands begin with @."""
-    return bool(line.strip()) and not line.lstrip().startswith("@")

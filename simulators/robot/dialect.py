@@ -40,6 +40,8 @@ class Dialect:
     servo_at_start = False
     greeting: str | None = None
     is_network_unit = False  # the network is a board of its own, with its own commands
+    outpos = "OUTPOS"  # the setting that its OUTPOS is
+    group_shift = 16  # of an error's group in ERR
     alarm_by_name = False  # while an alarm stands it answers with its code
     words: ClassVar[Arguments] = {}
     questions: ClassVar[dict[str, str]] = {}  # word -> its name in both generations
@@ -62,6 +64,11 @@ class Dialect:
         return Command(is_question, body) if body or is_question else None
 
     @property
+    def ends_within(self) -> str | None:
+        """The setting that says how near to its end a motion counts as done; None: when it has arrived."""
+        return {"tolerance": "TOLE", "outpos": self.outpos}.get(self.options.ends_at)
+
+    @property
     def busy(self) -> Code:
         """Why a motion is refused while another runs."""
         return Code.MOVING
@@ -69,6 +76,11 @@ class Dialect:
     def code(self, code: Code) -> str:
         """`group.class`."""
         raise NotImplementedError
+
+    def error_number(self, code: Code) -> int:
+        """What ERR is in a program: the group, and the class in its lower bytes."""
+        group, number = map(int, self.code(code).split("."))
+        return group << self.group_shift | number
 
     def code_of(self, text: str) -> Code:
         """The code that is written so; raises ValueError."""

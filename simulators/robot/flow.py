@@ -69,26 +69,15 @@ class Flow:
         self._scope.own.clear()
         self._trap = self._trapped_at = self._scope.error = None
 
-    def jump(self, line: Jump) -> int:
-        """GOTO, GOSUB."""
+    def leave(self, line: Jump | Call) -> int:
+        """GOTO, GOSUB, CALL. Raises Refusal."""
+        if isinstance(line, Call):
+            return self._call(line)
         if line.comes_back:
             if len(self._levels[-1].returns) >= DEEPEST:
                 raise Refusal(Code.STACK_OVERFLOW)
             self._levels[-1].returns.append(self.at + 1)
         return self.program.labels[line.label]
-
-    def call(self, line: Call) -> int:
-        """CALL: the arguments become variables of the SUB."""
-        if len(self._levels) > DEEPEST:
-            raise Refusal(Code.STACK_OVERFLOW)
-        begin = self.program.subs[line.name]
-        values = [argument(self._scope) for argument in line.arguments]
-        own = Own()
-        for name, value in zip(self._part(begin).names, values, strict=True):
-            own.variables.set(name, (), value)
-        self._scope.own.append(own)
-        self._levels.append(Level(calls_from=self.at))
-        return begin + 1
 
     def trapped(self, error: Refusal) -> bool:
         """Go to where ON ERROR GOTO leads; False when nothing does, or this is an error of that very part."""
@@ -107,6 +96,19 @@ class Flow:
     def is_true(self, expression: Expression) -> bool:
         """A condition."""
         return number(expression(self._scope)) != 0
+
+    def _call(self, line: Call) -> int:
+        """The arguments become variables of the SUB."""
+        if len(self._levels) > DEEPEST:
+            raise Refusal(Code.STACK_OVERFLOW)
+        begin = self.program.subs[line.name]
+        values = [argument(self._scope) for argument in line.arguments]
+        own = Own()
+        for name, value in zip(self._part(begin).names, values, strict=True):
+            own.variables.set(name, (), value)
+        self._scope.own.append(own)
+        self._levels.append(Level(calls_from=self.at))
+        return begin + 1
 
     def _if(self, line: Block) -> int:
         """On, or to the first part whose condition holds, or to the end."""

@@ -38,7 +38,7 @@ class Machine:
         )
         self.log = Log(world.clock.now)
         self.alarms = Alarms(self.log)
-        self.power = Power(world, self.log)
+        self.power = Power(world, self.log, options)
         self.settings = Settings(self._setting_changed)
         self.tables = Tables(dialect.highest_point)
         self.variables = Variables()
@@ -48,6 +48,7 @@ class Machine:
         self.mishaps = Mishaps(self)
         self.targets = Targets(self.arm, self.clock.now, self.settings, self.tables, self.frames)
         self.motions = Motions(world, self.settings, self.targets, self.speed, self.mishaps.watch, self.log)
+        self.motions.ends_within = dialect.ends_within
         self.jog = Jog(world, self.settings, self.targets, self.motions)
         self.operation: Operation | None = None
         self.running: Callable[[], bool] = lambda: False
@@ -77,7 +78,8 @@ class Machine:
     @property
     def moving(self) -> bool:
         """A client's motion is under way, or the arm still moves."""
-        return (self.operation is not None and self.operation.moves) or self.arm.moving_at(self.clock.now())
+        operating = self.operation is not None and self.operation.moves
+        return operating or (self.arm.driven_at(self.clock.now()) and not self.motions.settles)
 
     def speed(self) -> float:
         """The share of full speed that the mode leaves."""

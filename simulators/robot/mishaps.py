@@ -42,6 +42,7 @@ class Mishaps:
             "lose_origin": self.lose_origin,
             "input": self.input,
             "arm_locked": self.arm_locked,
+            "key_in": self.key_in,
         }
 
     def alarm(self, code: str = "17.910", at: float | None = None) -> None:
@@ -111,6 +112,10 @@ class Mishaps:
     def arm_locked(self, on: bool = True) -> None:
         """The arm lock is set."""
         self._machine.arm_locked = on
+
+    def key_in(self, text: str) -> None:
+        """A person answers a program's INPUT at the pendant; raises ValueError when none asks."""
+        self._machine.dialogue.answer(text)
 
     def watch(self, plan: Plan) -> None:
         """A motion begins: what will happen on its way is settled now, so that it is exact in a fast world, too."""

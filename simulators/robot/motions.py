@@ -52,9 +52,16 @@ class Motions:
         self._clock, self._arm = world.clock, world.arm
         self._settings, self._targets = settings, targets
         self._speed, self._begun, self._log = speed, begun, log
+        self.ends_within: str | None = None  # the setting by which a motion counts as done before it has arrived
         self.last: Plan | None = None
         self.last_blends = False
+        self._done: Plan | None = None
         self._halted: Plan | None = None
+
+    @property
+    def settles(self) -> bool:
+        """Whether the last motion counts as done, though the arm may still creep to its end."""
+        return self._done is not None and self._done is self.last and not self.last_blends
 
     def move(self, wanted: Move, scope: Scope, permit: Permit, *, relative: bool) -> Work:
         """MOVE and MOVEI."""
@@ -99,7 +106,7 @@ class Motions:
     def start(self, order: Order, given: Given) -> Plan:
         """Let the arm begin; raises Refusal when it cannot."""
         try:
-            plan = self._arm.start(order, given.pace, blends=given.blends)
+            plan = self._arm.start(order, given.pace, blends=given.blends, follows=self.settles)
         except Unreachable as unreachable:
             raise self._targets.why_not(unreachable) from unreachable
         except RuntimeError:
@@ -134,10 +141,12 @@ class Motions:
 
     async def travel(self, operation: Operation, plan: Plan, given: Given) -> bool:
         """Until the motion ends or, when it blends, may be followed; False when it was interrupted: then it stands."""
-        done_s = plan.near_s(self._near()) if given.blends else plan.end_s
+        near = "CONTPLS" if given.blends else self.ends_within
+        done_s = plan.near_s(self._within(near)) if near else plan.end_s
         if given.stop_on is not None and await self._stopped_on(operation, done_s, given.stop_on):
             return True
         if await operation.until(done_s) and (given.blends or self._arm.arrives(plan)):
+            self._done = plan
             return True
         await operation.until(done_s + NOTICED_S)  # something has stopped the arm, and will say so
         await wait_until(self._clock, self.halt())
@@ -200,9 +209,11 @@ class Motions:
             return self._targets.axis_value(axis, value, in_pulses=isinstance(value, int))
         raise Refusal(Code.TYPE_MISMATCH)
 
-    def _near(self) -> list[float]:
-        contpls = self._settings.axes("CONTPLS")
-        return [pulses / ratio for pulses, ratio in zip(contpls, self._targets.pulses, strict=True)]
+    def _within(self, setting: str) -> list[float]:
+        """So near to its end each axis has to be, in degrees or mm."""
+        return [
+            pulses / ratio for pulses, ratio in zip(self._settings.axes(setting), self._targets.pulses, strict=True)
+        ]
 
 
 def _percent(expression: Expression | None, otherwise: int, scope: Scope) -> float:

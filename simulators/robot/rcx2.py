@@ -41,6 +41,8 @@ class Rcx2(Dialect):
     servo_at_start = True
     is_network_unit = True
     alarm_by_name = True
+    outpos = "CONTPLS"
+    group_shift = 8
     modes_that_move = (Mode.AUTO, Mode.MANUAL)
     words: ClassVar[Arguments] = shared_words("Z", AXIS_LETTERS) | OWN_WORDS
     questions: ClassVar[dict[str, str]] = {word: word for word in SAME_QUESTIONS} | {

@@ -111,10 +111,8 @@ class Task:
             self._handlers.assign(line, self._scope)
         elif isinstance(line, Statement):
             await self._command(line)
-        elif isinstance(line, Jump):
-            return self._flow.jump(line)
-        elif isinstance(line, Call):
-            return self._flow.call(line)
+        elif isinstance(line, Jump | Call):
+            return self._flow.leave(line)
         elif isinstance(line, Choice):
             return await self._choose(line)
         elif isinstance(line, Wait):

@@ -1,0 +1,78 @@
+"""The robot's controller, talked to from the desk: only while no daemon owns it."""
+
+import asyncio
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from pathlib import Path
+from typing import NamedTuple
+
+import click
+
+from cellctl.arm import build_robot
+from cellctl.config import CellConfig, load_config
+from drivers.link_address import parse_address
+from drivers.reach import Limits
+from drivers.robot import Robot
+
+OWNED = (
+    "the daemon runs and owns the robot: stop it first (`systemctl stop cellctl`), "
+    "or look at what it knows: `cellctl status`, `cellctl log`"
+)
+
+
+class Which(NamedTuple):
+    """The controller that is meant: that of the cell, or one by its address."""
+
+    config: Path | None
+    address: str | None
+    dialect: str | None
+
+
+class AtDesk(NamedTuple):
+    """A controller whose link is open, and what is known of it beforehand. `serial` "": the cell does not name it."""
+
+    robot: Robot
+    address: str
+    serial: str
+
+
+@asynccontextmanager
+async def at_desk(which: Which) -> AsyncIterator[AtDesk]:
+    """The controller, open; it is let go afterwards. Raises ClickException, SettingsError, DeviceError."""
+    config = load_config(which.config) if which.config is not None else None
+    desk = _of_address(which) if which.address is not None else _of_cell(config)
+    if config is not None and config.robot.address == desk.address:
+        await nobody_owns(config)
+    try:
+        await desk.robot.open()
+        yield desk
+    finally:
+        await desk.robot.close()
+
+
+async def nobody_owns(config: CellConfig) -> None:
+    """Raises ClickException when the daemon runs, or when that cannot be told."""
+    path = config.paths.control_socket
+    try:
+        _, writer = await asyncio.open_unix_connection(path)
+    except (FileNotFoundError, ConnectionRefusedError):
+        return
+    except OSError as error:
+        raise click.ClickException(f"{path}: {error.strerror}, so nobody knows whether the daemon runs") from error
+    writer.close()
+    raise click.ClickException(OWNED)
+
+
+def _of_cell(config: CellConfig | None) -> AtDesk:
+    if config is None:
+        raise click.ClickException("which robot? Name the cell by --config, or a controller by --address")
+    return AtDesk(build_robot(config.robot), config.robot.address, config.robot.serial)
+
+
+def _of_address(which: Which) -> AtDesk:
+    address = which.address or ""
+    try:
+        parse_address(address)
+    except ValueError as error:
+        raise click.ClickException(f"--address: {error}") from error
+    return AtDesk(Robot(address, limits=Limits(), dialect=which.dialect or "rcx3"), address, "")

@@ -1,0 +1,83 @@
+"""Outlines that have been caught are measured: blocks of pixels against a blurred step, and a robust fit. Pure."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from cellctl.vision.features import Appearance, Floats, Limits
+from cellctl.vision.gates import check_seen
+from cellctl.vision.profile import Blocks, appearance, beliefs, better_width, block_offsets
+from cellctl.vision.robust import Bools, Fit, covariance, tukey_fit
+from cellctl.vision.strip import Part, Strip
+
+ROUNDS = (2, 5)  # of the robust fit in the first and in the last pass
+
+
+class Outline(NamedTuple):
+    """A caught outline: how each of its parameters moves its blocks towards the bright side, (blocks, parameters)."""
+
+    name: str
+    design: Floats
+    parameters: Floats  # to begin with
+    width_px: float  # of its blur, roughly
+    fewest: int  # blocks that must see it
+
+
+class Measured(NamedTuple):
+    """An outline's parameters with their covariance, and how its picture looks."""
+
+    parameters: Floats
+    spread: Floats
+    used: Bools  # (blocks,)
+    appearance: Appearance
+    inliers: float
+    residual_px: float
+
+
+class _Seen(NamedTuple):
+    """One outline after a pass."""
+
+    outline: Outline  # with better parameters and width
+    blocks: Blocks
+    weights: Floats  # before the fit
+    fit: Fit
+
+
+def measure(strip: Strip, outlines: Sequence[Outline], limits: Limits) -> list[Measured]:
+    """Measure outlines that lie side by side in a strip, each known to some pixels.
+
+    Raises NotFound when too few blocks see one of them.
+    """
+    for rounds in ROUNDS:
+        blocks = block_offsets(strip, [outline.width_px for outline in outlines])
+        seen = [
+            _fitted(strip, part, blocks.of(part), outline, rounds, limits)
+            for part, outline in zip(strip.parts, outlines, strict=True)
+        ]
+        outlines = [each.outline for each in seen]
+        strip = strip.moved(np.concatenate([each.outline.design @ each.fit.parameters for each in seen]))
+    return [_measured(strip, *each) for each in zip(strip.parts, seen, strict=True)]
+
+
+def _fitted(strip: Strip, part: Part, blocks: Blocks, outline: Outline, rounds: int, limits: Limits) -> _Seen:
+    weights = beliefs(strip, part, blocks, 0.5 * limits.min_contrast)
+    check_seen(strip, part, weights, outline.fewest, limits, outline.name)
+    fit = tukey_fit(outline.design, -blocks.shift, weights, rounds)
+    width = better_width(blocks, fit.weights, outline.width_px)
+    better = outline._replace(parameters=outline.parameters + fit.parameters, width_px=width)
+    return _Seen(better, blocks, weights, fit)
+
+
+def _measured(strip: Strip, part: Part, seen: _Seen) -> Measured:
+    used = seen.fit.weights > 0.0
+    return Measured(
+        parameters=seen.outline.parameters,
+        spread=covariance(seen.outline.design, seen.fit, seen.weights),
+        used=used,
+        appearance=appearance(strip, part, seen.blocks, seen.fit.weights, seen.outline.width_px),
+        inliers=np.count_nonzero(used) / used.size,
+        residual_px=seen.fit.spread,
+    )

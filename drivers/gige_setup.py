@@ -1,0 +1,124 @@
+"""What is set on a GigE Vision camera before it takes pictures, each value read back. Blocking calls.
+
+A calibration holds for whole, unmirrored pixels of one part of the sensor, so whatever bins, thins out, mirrors or
+replaces the picture is switched off, and a camera that keeps it on is refused.
+"""
+
+import threading
+import time
+from dataclasses import dataclass
+
+from drivers.aravis import Device, Value
+from drivers.aravis_library import ACCESS_DENIED, NO_LINK, AravisError
+from drivers.camera import Region, Setup, Trigger
+from drivers.errors import Mismatch, Refused
+
+CONTROL_RETRY_S = 0.1
+HEARTBEAT_MARGIN_S = 0.5
+SOFTWARE_SOURCE = "Software"
+# Present on some cameras only. First what changes the size of a picture, then what changes its content.
+PLAIN: tuple[tuple[str, Value], ...] = (
+    ("BinningHorizontal", 1),
+    ("BinningVertical", 1),
+    ("DecimationHorizontal", 1),
+    ("DecimationVertical", 1),
+    ("ReverseX", False),
+    ("ReverseY", False),
+    ("TestPattern", "Off"),
+    ("ChunkModeActive", False),
+    ("ExposureAuto", "Off"),
+    ("GainAuto", "Off"),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Wanted:
+    """Which camera, and how it is to be."""
+
+    name: str
+    address: str
+    setup: Setup
+    socket_buffer_bytes: int | None = None
+    exposure: tuple[float, float] | None = None  # us and dB; None: as the camera has it
+
+    @property
+    def where(self) -> str:
+        """For messages."""
+        return f"camera {self.setup.serial} at {self.address}"
+
+
+def check_serial(device: Device, wanted: Wanted) -> None:
+    """Raises Mismatch when another camera has this address."""
+    serial = device.serial()
+    if serial != wanted.setup.serial:
+        detail = f"the camera at {wanted.address} has serial number {serial!r}, not {wanted.setup.serial!r}"
+        raise Mismatch(wanted.name, detail)
+
+
+def take_control(device: Device, stop: threading.Event) -> None:
+    """Get control. A program that died keeps it until the camera's heartbeat time is over: wait that long."""
+    if device.is_controller:
+        return
+    until = time.monotonic() + device.integer("GevHeartbeatTimeout") / 1e3 + HEARTBEAT_MARGIN_S
+    while not stop.is_set():
+        try:
+            return device.take_control()
+        except AravisError as error:
+            if error.code != ACCESS_DENIED or time.monotonic() > until:
+                raise
+        stop.wait(CONTROL_RETRY_S)
+
+
+def set_format(device: Device, wanted: Wanted) -> None:
+    """Plain pixels of the region in the pixel format. Raises Refused, Mismatch, AravisError."""
+    setup = wanted.setup
+    device.clear_triggers()  # some cameras lock their format while they wait for a trigger
+    for feature, value in PLAIN:
+        if device.has(feature):
+            _set(device, wanted.name, feature, value)
+    _set_pixel_format(device, wanted)
+    region = Region(*device.set_region(*setup.region))
+    if region != setup.region:
+        raise Refused(wanted.name, "read-back", f"asked for {setup.region}, it set {region}")
+    payload, needed = device.payload(), setup.pixel_format.bytes_for(region.width_px, region.height_px)
+    if payload != needed:
+        detail = f"a picture has {payload} bytes, not the {needed} of {region} {setup.pixel_format.name}"
+        raise Mismatch(wanted.name, detail)
+
+
+def _set_pixel_format(device: Device, wanted: Wanted) -> None:
+    pixel_format = wanted.setup.pixel_format
+    known = device.choices("PixelFormat")
+    if pixel_format.name not in known:
+        detail = f"it has no pixel format {pixel_format.name}, but {', '.join(known)}"
+        raise Refused(wanted.name, "not available", detail)
+    if device.set_pixel_format(pixel_format.code) != pixel_format.code:
+        raise Refused(wanted.name, "read-back", f"it did not take the pixel format {pixel_format.name}")
+
+
+def _set(device: Device, name: str, feature: str, value: Value) -> None:
+    """Set what is not so yet: many cameras have such a feature, and do not let it be written."""
+    if device.value(feature, value) == value:
+        return
+    try:
+        device.set_to(feature, value)
+    except AravisError as error:
+        if error.code in NO_LINK:
+            raise
+        raise Refused(name, "read-back", f"{feature} cannot be set to {value}: {error}") from error
+    got = device.value(feature, value)
+    if got != value:
+        raise Refused(name, "read-back", f"{feature} must be {value}, and the camera keeps {got}")
+
+
+def set_trigger(device: Device, wanted: Wanted, trigger: Trigger) -> None:
+    """What makes it take a picture. Raises Refused, AravisError."""
+    if trigger is Trigger.FREE:
+        return device.clear_triggers()
+    source = SOFTWARE_SOURCE if trigger is Trigger.SOFTWARE else wanted.setup.line
+    known = device.choices("TriggerSource")
+    if source not in known:
+        raise Refused(wanted.name, "not available", f"it has no trigger source {source}, but {', '.join(known)}")
+    device.set_trigger(source)
+    if device.text("TriggerMode") != "On" or device.text("TriggerSource") != source:
+        raise Refused(wanted.name, "read-back", f"it did not take the trigger source {source}")

@@ -1,0 +1,43 @@
+"""What a simulated camera's sensor saw, as the bytes of a pixel format. Pure.
+
+Sources: PFNC 2.4 and GigE Vision 2.0. In the "p" formats the bits of all pixels follow each other, lowest bit first;
+in the "Packed" ones two pixels share three bytes, the low bits of both in the middle one.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simulators.genicam import PIXEL_FORMATS
+
+Seen = NDArray[np.uint8] | NDArray[np.uint16]
+BITS = {"Mono8": 8, "Mono10": 10, "Mono12": 12, "Mono16": 16}
+NAMES = {code: name for name, code in PIXEL_FORMATS.items()}
+
+
+def pack(seen: Seen, code: int) -> NDArray[np.uint8]:
+    """The bytes of a picture. `seen` is 8 bit, or 16 bit over the whole range of the sensor."""
+    name = NAMES[code]
+    if name == "Mono8" and seen.dtype == np.uint8:
+        return np.ascontiguousarray(seen, np.uint8).reshape(-1)
+    bits = BITS[name.removesuffix("Packed").removesuffix("p")]
+    values = _of_bits(seen.reshape(-1), bits)
+    if name.endswith("Packed"):
+        return _pairs(values, bits)
+    if name.endswith("p"):
+        each = np.unpackbits(values.astype("<u2").view(np.uint8).reshape(-1, 2), axis=1, bitorder="little")
+        return np.packbits(each[:, :bits].reshape(-1), bitorder="little")
+    return values.astype(np.uint8) if bits == 8 else values.astype("<u2").view(np.uint8)
+
+
+def _of_bits(seen: Seen, bits: int) -> NDArray[np.uint16]:
+    """A brighter format shows more steps between the same black and white."""
+    deep = seen if seen.dtype == np.uint16 else seen.astype(np.uint16) * np.uint16(257)
+    return (deep >> np.uint16(16 - bits)).astype(np.uint16)
+
+
+def _pairs(values: NDArray[np.uint16], bits: int) -> NDArray[np.uint8]:
+    even = np.append(values, np.uint16(0)) if values.size % 2 else values
+    low = (even & np.uint16((1 << bits - 8) - 1)).reshape(-1, 2)
+    high = (even >> np.uint16(bits - 8)).reshape(-1, 2)
+    packed = np.stack([high[:, 0], low[:, 0] | low[:, 1] << np.uint16(4), high[:, 1]], axis=1).astype(np.uint8)
+    return packed.reshape(-1)[: (values.size * 12 + 7) // 8]

@@ -1,0 +1,85 @@
+"""The driver's PLC behind a wire that can go wrong, and what truly was on that wire and in the PLC."""
+
+import asyncio
+import struct
+import time
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+from drivers.errors import DeviceError
+from drivers.plc import Plc
+from simulators.modbus import Exchange
+from simulators.plc import PlcServer
+from tests.fault_proxy import FaultProxy, proxied
+from tests.plc_bench import Belt, powered, running
+from tests.wire_trouble import modbus_frames
+
+TRUTH_MS = 3000  # a vacuum below -30 kPa would count as reached
+
+
+class Written(NamedTuple):
+    """Registers 0..15 as one request carried them."""
+
+    heartbeat: int
+    session: int
+    machine_state: int
+    sequence: int
+    command: int
+    argument: int
+    outputs: int
+
+
+def written(frame: bytes) -> Written | None:
+    """What a request (with or without its header) writes, None when it writes nothing."""
+    pdu = frame[7:]
+    if pdu[0] not in (16, 23):
+        return None
+    return Written._make(struct.unpack_from(">7H", pdu, 6 if pdu[0] == 16 else 10))
+
+
+@dataclass
+class WiredCell:
+    """World, PLC, wire and driver."""
+
+    world: Belt
+    server: PlcServer
+    proxy: FaultProxy
+    plc: Plc
+    executed: list[Exchange] = field(default_factory=list)  # by the server, in its order
+
+    def commands_executed(self) -> list[tuple[int, int]]:
+        """(sequence, command) as the PLC met each for the first time."""
+        found = [written(bytes(7) + each.request) for each in self.executed]
+        return list(dict.fromkeys((w.sequence, w.command) for w in found if w is not None and w.command))
+
+    def commands_sent_since(self, at_s: float) -> set[tuple[int, int]]:
+        """(sequence, command) that left the driver after that time."""
+        sent = [written(p.message) for p in self.proxy.record if p.direction == "up" and p.at_s > at_s]
+        return {(w.sequence, w.command) for w in sent if w is not None and w.command}
+
+    async def trouble_within(self, within_s: float) -> tuple[float, DeviceError]:
+        """Wait until the driver's picture is worthless: after how many seconds, and why."""
+        began_s = time.monotonic()
+        async with asyncio.timeout(within_s):
+            while True:
+                try:
+                    _ = self.plc.image
+                except DeviceError as error:
+                    return time.monotonic() - began_s, error
+                await asyncio.sleep(0.001)
+
+
+@asynccontextmanager
+async def wired(speed: float = 20.0, *, world: Belt | None = None, seed: int = 1, **options: Any) -> AsyncIterator[WiredCell]:
+    """A running cell whose Modbus frames go through a fault proxy; options are the driver's."""
+    async with (
+        powered(speed) as (belt, server),
+        proxied(server.port, messages=modbus_frames, seed=seed) as proxy,
+        running(Plc("127.0.0.1", proxy.port, **options)) as plc,
+    ):
+        cell = WiredCell(belt, server, proxy, plc)
+        server.modbus.listener = cell.executed.append
+        await plc.ready(within_s=3)
+        yield cell
