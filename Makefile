@@ -4,9 +4,10 @@ VENV := .venv
 PEERS := build/peers-venv
 STAMP := $(VENV)/.installed
 PACKAGES := libaravis-0.8-0
+VM_PACKAGES := qemu-system-x86 busybox-static v4l-utils
 COMPILE := --quiet --universal --python-version 3.11 --generate-hashes --no-annotate --no-header
 
-.PHONY: help demo test lint format lock clean bench-budget bench-recipe bench-calibration bench-teaching bench-vision bench-geometry-signs fuzz-robot fuzz-modbus node-peer
+.PHONY: help demo test lint format lock clean bench-budget bench-recipe bench-calibration bench-teaching bench-vision bench-geometry-signs bench-robot fuzz-robot fuzz-modbus node-peer
 
 help:
 	@echo "make demo          the whole cell on simulators, live in this terminal (options: DEMO='--speed 1 --units 20')"
@@ -17,6 +18,8 @@ help:
 	@echo "make bench-calibration  hand-eye against truth, OpenCV and a real arm; lenses (CELLS=20: shorter)"
 	@echo "make bench-teaching  golden assembly, verification, hysteresis and run-out against the simulated truth"
 	@echo "make bench-geometry-signs  a sign error planted in every term of geometry.py: the whole-cell tests notice each"
+	@echo "make bench-robot   the robot driver's round trips against a bare client, its processor time, lines parsed"
+	@echo "make test-vm       the V4L2 driver against the Linux kernel's own test camera, in a virtual machine"
 	@echo "make fuzz-robot    a million broken inputs at both simulated robot controllers"
 	@echo "make fuzz-modbus   a million broken frames at the Modbus parser of each side"
 	@echo "make node-peer     one more foreign Modbus client and server for the tests (needs npm)"
@@ -59,6 +62,15 @@ $(PEERS)/.installed: tests/benchmarks/vision/requirements.txt
 	$(PYTHON) -m venv --clear $(PEERS)
 	$(PEERS)/bin/pip install --quiet --disable-pip-version-check -r $<
 	@touch $@
+
+bench-robot: $(STAMP)
+	$(VENV)/bin/python -m tests.benchmarks.bench_robot
+
+test-vm: $(STAMP)
+	@sh deploy/packages.sh $(VM_PACKAGES)
+	$(VENV)/bin/python -m tests.vm.vivid $(VM)
+
+.PHONY: test-vm
 
 fuzz-robot: $(STAMP)
 	$(VENV)/bin/python -m tests.benchmarks.fuzz_robot

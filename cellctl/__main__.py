@@ -11,8 +11,10 @@ from typing import Any
 import click
 
 from cellctl.cli.calibrate import calibrate
+from cellctl.cli.camera import camera
 from cellctl.cli.drift import drift
 from cellctl.cli.options import FILE, ask, end, option, settings, with_config, with_json
+from cellctl.cli.plc import plc
 from cellctl.cli.recipe import recipe
 from cellctl.cli.robot import robot
 from cellctl.cli.teach import teach
@@ -164,7 +166,9 @@ cli.add_command(calibrate)
 cli.add_command(teach)
 cli.add_command(drift)
 cli.add_command(vision)
+cli.add_command(camera)
 cli.add_command(robot)
+cli.add_command(plc)
 
 
 # -- looking back ------------------------------------------------------------------------------------------

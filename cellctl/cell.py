@@ -323,10 +323,18 @@ class Cell:
                 both: list[asyncio.Future[Any]] = [unsafe, changed]
                 await asyncio.wait(both, return_when=asyncio.FIRST_COMPLETED)
                 if unsafe.done() and self.state not in AT_REST:
-                    self._fault(SafetyLost(unsafe.result()))
+                    self._fault(self._lost(unsafe.result()))
             finally:
                 await self._ended(unsafe)
                 await self._ended(changed)
+
+    def _lost(self, why: str) -> Exception:
+        """What ended the watch: the PLC that can no longer be seen, or safety itself."""
+        try:
+            _ = self.devices.plc.image
+        except DeviceError as error:
+            return error
+        return SafetyLost(why)
 
     async def _show(self) -> None:
         """Machine state, counts and signal tower for the PLC."""

@@ -17,11 +17,11 @@ from drivers.rcx_dialect import Dialect
 ANSWER_S = 1.0
 STOP_S = 2.0
 STOP_AGAIN_S = 0.05
-GREETING_S = 0.5
 SILENCE_S = 0.1
 MOST_SILENCES = 20
 LATE_S = 0.01  # what has arrived while this process was busy is not late
 FILE_SILENCE_S = 2.0
+LINE_S = 0.02  # in which the controller takes a line of a file
 QUESTION_GROUPS = (0, 4, 5, 14)  # codes that a query or a setting can earn
 
 
@@ -76,9 +76,9 @@ class Conversation:
 
     async def close(self) -> None:
         """Stop what runs, take leave as the dialect wants it, hang up; whoever waits for an answer gets LinkLost."""
+        if self._operation is not None and self.is_open:
+            await self._abort(self._operation, trusted=True)
         with contextlib.suppress(DeviceError):
-            if self._operation is not None:
-                self.stop()
             if self.is_open and self._dialect.good_bye and not self.is_serial:
                 self._link.send(self._dialect.good_bye)
                 await self._hung_up()
@@ -96,7 +96,7 @@ class Conversation:
             greeted = asyncio.create_task(self._greeted.wait())
             try:
                 waiting = (greeted, self._reader)
-                await asyncio.wait(waiting, timeout=GREETING_S, return_when=asyncio.FIRST_COMPLETED)
+                await asyncio.wait(waiting, timeout=self._dialect.greeting_s, return_when=asyncio.FIRST_COMPLETED)
             finally:
                 greeted.cancel()
 
@@ -240,7 +240,7 @@ class Conversation:
             upload.halfway = line != ""
             self._link.send(line)
             await self._link.drained()
-        await self._wait(upload.done, FILE_SILENCE_S, f"no OK after the file of {upload.line}")
+        await self._wait(upload.done, FILE_SILENCE_S + LINE_S * len(content), f"no OK after the file of {upload.line}")
 
     async def _file(self, question: Question) -> list[str]:
         """Until END, after which nothing comes: a program may have a line END of its own."""

@@ -13,7 +13,7 @@ from drivers.errors import LinkLost, Mismatch, Refused
 from drivers.gige_inbox import Inbox, Reading, Shot
 from drivers.gige_receiver import Received, Receiver
 from drivers.gige_setup import Wanted, check_serial, set_format, set_trigger, take_control
-from drivers.gige_worker import Worker, post
+from drivers.worker import Worker, post
 
 EXPOSED_MARGIN_S = 0.002  # a camera begins to expose within this time of acknowledging a trigger
 SETTLE_S = 0.01  # from the end of an exposure until the camera takes the next trigger

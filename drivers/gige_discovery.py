@@ -41,7 +41,8 @@ async def discover(*, within_s: float = 0.5, addresses: Sequence[str] = ()) -> l
         def heard(datagram: bytes) -> None:
             camera = gvcp.answer(datagram, number)
             if camera is not None and len(found) < MOST_FOUND:
-                found.setdefault((camera.mac, camera.address), Sighting(camera, nic))
+                key = camera.mac, camera.address
+                found[key] = Sighting(camera, nic or (found[key].nic if key in found else None))
 
         return heard
 

@@ -145,15 +145,25 @@ class Value(NamedTuple):
     @property
     def text(self) -> str:
         """The value as a person reads it; of bits, those that are set."""
-        if isinstance(self.value, dict):
-            return ", ".join(name for name, on in self.value.items() if on) or "none"
-        return f"{self.value} {self.unit}".rstrip()
+        return _text(self.value, self.unit)
 
 
 def values(seen: Seen) -> list[Value]:
     """The whole map, in the order of its addresses."""
     blocks = ((CELL_TAGS, WRITE_ADDRESS, seen.cell), (PLC_TAGS, READ_ADDRESS, seen.plc))
     return [_value(tag, tag.address - first, block, seen.now_s) for tags, first, block in blocks for tag in tags]
+
+
+def shown(tags: Sequence[Tag], words: Mapping[int, int], addresses: Sequence[int]) -> str:
+    """Some registers in a sentence: "107 command accepted = 3, 109 result = 2 unknown"."""
+    found = [(tag, [words[tag.address], words.get(tag.address + 1, 0)]) for tag in tags if tag.address in addresses]
+    return ", ".join(f"{tag.address} {tag.name} = {_text(tag.show(own), tag.unit)}" for tag, own in found)
+
+
+def _text(value: Shown, unit: str) -> str:
+    if isinstance(value, dict):
+        return " + ".join(name for name, on in value.items() if on) or "none"
+    return f"{value} {unit}".rstrip()
 
 
 def _value(tag: Tag, at: int, block: Ages, now_s: float) -> Value:

@@ -29,6 +29,7 @@ class Rcx2(Dialect):
     grammar = Grammar(ok_after_data=False, run_before_end=False, answers_in_motion=False)
     decimals = 2
     highest_point = 9999
+    greeting_s = 0.3
     good_bye = "LOGOUT"  # leaving without it stops the robot with an error
     before_talk = ("ETHER ECHO 0",)
     power_on, power_off = "SERVO ON", "SERVO OFF"

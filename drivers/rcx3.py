@@ -25,6 +25,7 @@ class Rcx3(Dialect):
     grammar = Grammar(ok_after_data=True, run_before_end=True, answers_in_motion=True)
     decimals = 3
     highest_point = 29999
+    greeting_s = 0.5
     good_bye = ""
     before_talk = ()
     power_on, power_off = "MOTOR ON", "MOTOR OFF"

@@ -31,6 +31,7 @@ class Dialect(ABC):
     grammar: ClassVar[Grammar]
     decimals: ClassVar[int]  # of millimetres and degrees
     highest_point: ClassVar[int]
+    greeting_s: ClassVar[float]  # in which a network client has been greeted, or never will be
     good_bye: ClassVar[str]  # with which a network client leaves; "" when it just goes
     before_talk: ClassVar[tuple[str, ...]]  # sent first on a network, each may be refused
     power_on: ClassVar[str]

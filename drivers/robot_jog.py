@@ -14,7 +14,7 @@ HOLD_EVERY_S = 0.05  # the controller itself stops a jog 0.2 s after it last hea
 LONGEST_JOG_S = 60.0
 INCH_S = 5.0
 ORIGIN_S = 60.0
-MARGIN = 10.0  # mm or degrees that are left to our own limits
+MARGIN = 5.0  # mm or degrees that are left to our own limits
 
 
 class Pendant:
@@ -94,10 +94,12 @@ class Pendant:
 
     async def _at_edge(self, axis: int, sign: int) -> bool:
         """Whether our limits are near; a controller that answers nothing in motion has its own limits alone."""
-        if not self._controller.dialect.grammar.answers_in_motion:
+        before = self._controller.position
+        if before is None or not self._controller.dialect.grammar.answers_in_motion:
             return False
         now = await self._controller.where()
-        return self._limits.objection(_beyond(now.point, axis, sign * MARGIN), hand=now.hand) != ""
+        stride = abs(now.point[axis - 1] - before.point[axis - 1])  # since it was last looked at
+        return self._limits.objection(_beyond(now.point, axis, sign * (MARGIN + 2 * stride)), hand=now.hand) != ""
 
 
 async def _until_done(moving: "asyncio.Future[None]") -> None:

@@ -7,7 +7,7 @@ USB (UVC), MIPI and PCI cameras. Which picture is the right one: `drivers.v4l2_i
 import asyncio
 import errno
 import time
-from collections.abc import AsyncIterator, Coroutine
+from collections.abc import AsyncGenerator, Coroutine
 from dataclasses import replace
 from typing import Any, TypeVar
 
@@ -70,7 +70,7 @@ class V4l2Camera:
         """How it stands now."""
         return self._states.now
 
-    def states(self) -> AsyncIterator[StateChange]:
+    def states(self) -> AsyncGenerator[StateChange, None]:
         """The present state, then every change."""
         return self._states.follow()
 

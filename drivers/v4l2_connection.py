@@ -11,9 +11,9 @@ from contextlib import suppress
 
 from drivers.camera import Counters, Frame, Trigger
 from drivers.errors import DeviceError, LinkLost, Refused
-from drivers.gige_worker import Worker
 from drivers.v4l2_capture import BUFFERS, Capture, Wanted
 from drivers.v4l2_inbox import Inbox, Picture, Shot
+from drivers.worker import Worker
 
 EXPOSED_MARGIN_S = 0.002  # a camera begins to expose within this time of its trigger
 LATE_PICTURES = 2  # a new exposure time takes so many pictures of free run to come into force

@@ -12,7 +12,7 @@ import socket
 import struct
 import time
 from collections import Counter, deque
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 from dataclasses import dataclass, field
 from typing import Literal, NamedTuple
@@ -46,6 +46,7 @@ class FaultProxy:
     up: Trouble = field(default_factory=Trouble)
     down: Trouble = field(default_factory=Trouble)
     haunted: bool = False  # answers still on their way when a connection ended arrive in the next one
+    listener: Callable[[Passed], object] = lambda passed: None  # told of each message before its fate is carried out
     record: deque[Passed] = field(default_factory=lambda: deque(maxlen=LONGEST_RECORD))
     counts: Counter[str] = field(default_factory=Counter)  # "down lose" and so on; "connections", "ghosts"
     stalled: set[Direction] = field(default_factory=set)
@@ -120,6 +121,7 @@ class FaultProxy:
     def note(self, passed: Passed) -> None:
         """Keep the record of one message."""
         self.record.append(passed)
+        self.listener(passed)
         for name in passed.became:
             self.counts[f"{passed.direction} {name}"] += 1
 
@@ -283,9 +285,11 @@ class _Way:
 
 
 @asynccontextmanager
-async def proxied(server_port: int, *, messages: Framing = as_it_comes, seed: int = 1) -> AsyncIterator[FaultProxy]:
-    """A running proxy before a server on 127.0.0.1."""
-    proxy = FaultProxy(server_port, messages=messages, seed=seed)
+async def proxied(
+    server_port: int, *, host: str = "127.0.0.1", messages: Framing = as_it_comes, seed: int = 1
+) -> AsyncIterator[FaultProxy]:
+    """A running proxy before a server."""
+    proxy = FaultProxy(server_port, host, messages, seed)
     await proxy.start()
     try:
         yield proxy

@@ -1,162 +1,136 @@
-"""A simulated PLC on a world that is only its wires, and the driver on it."""
+"""The delivered PLC program on a bench: wired to a true conveyor and cup, scanned by hand every 10 ms, no network."""
 
-import asyncio
-import math
-from collections.abc import AsyncIterator, Callable
-from contextlib import asynccontextmanager, suppress
-from dataclasses import dataclass
 from typing import Any
 
-from drivers.plc import Plc
-from simulators.clock import Clock
-from simulators.plc import PlcServer
+import numpy as np
 
-TRAVEL_S, LEAVE_S, BOUNCE_S = 0.8, 0.3, 0.01
+from simulators.conveyor import Conveyor
+from simulators.plc_program import PlcProgram
+from simulators.suction import Suction
+
+SCAN_S = 0.01
+BRING, RELEASE_GOOD, RELEASE_REJECT, STOP, RESET = range(1, 6)
+OK, WRONG_STATE, UNKNOWN, TIMED_OUT, FAULT, NOT_YOUR_SESSION = range(6)
 
 
-class Belt:
-    """A world that is only what the PLC is wired to. It keeps a record of what truly happened."""
+class Station:
+    """The world: what the PLC is wired to, and a record of what truly happened."""
 
-    def __init__(self, speed: float) -> None:
-        self.clock = Clock(speed)
+    def __init__(self, seed: int = 1) -> None:
+        self.now_s = 0.0
+        self.conveyor = Conveyor(lambda: self.now_s, np.random.default_rng(seed))
+        self.suction = Suction(lambda: self.now_s)
         self.estop_pressed = self.guard_open = False
         self.air_ok = True
         self.robot_enable = False
-        self.supply = True
-        self.sealed = True
-        self.brought = 0
+        self.carrier = 0
+        self.came = 0
         self.left: list[tuple[int, bool]] = []
         self.belt_starts = 0
-        self.valve_changes: list[bool] = []
-        self.blowing = False
         self.lights = {1: False, 2: False}
         self.tower = (False, False, False, False)
-        self._runs = self._clamped = self._leaving = self._good = False
-        self._carrier = 0
-        self._ran_s = self._seen_s = self._arrived_s = self._valve_s = 0.0
-        self._subscribers: list[Callable[[], None]] = []
-        self.inject: Callable[..., None] = lambda fault, **params: None
+        self._good = False
 
-    def subscribe(self, callback: Callable[[], None]) -> None:
-        self._subscribers.append(callback)
-
-    def register(self, component: str, handler: Callable[..., None]) -> None:
-        assert component == "plc"
-        self.inject = handler
-
-    def safety(self, **facts: bool) -> None:
-        for name, value in facts.items():
-            setattr(self, name, value)
-        for callback in self._subscribers:
-            callback()
-
-    def _settle(self) -> None:
-        now_s = self.clock.now()
-        self._ran_s += (now_s - self._seen_s) * self._runs
-        self._seen_s = now_s
-        if self._leaving and not self._clamped and self._ran_s >= LEAVE_S:
-            self.left.append((self._carrier, self._good))
-            self._carrier, self._leaving = 0, False
-            self._ran_s -= LEAVE_S
-        if not self._carrier and self.supply and self._ran_s >= TRAVEL_S:
-            self.brought += 1
-            self._carrier, self._ran_s, self._arrived_s = 500 + self.brought, 0.0, now_s
+    def settle(self) -> None:
+        while event := self.conveyor.step():
+            if event == "arrived":
+                self.came += 1
+                self.carrier = 500 + self.came
+            else:
+                self.left.append((self.carrier, self._good))
+                self.carrier = 0
 
     def photo_switch(self) -> bool:
-        self._settle()
-        age_s = self.clock.now() - self._arrived_s
-        return bool(self._carrier) and (age_s > BOUNCE_S or int(age_s * 1000) % 4 < 2)
+        return self.conveyor.photo_switch()
 
     def carrier_clamped(self) -> bool:
-        self._settle()
-        return self._clamped and bool(self._carrier)
+        return self.conveyor.clamped and self.conveyor.occupied
 
     def battery_on_table(self) -> bool:
-        return True
+        return False
 
     def conveyor_moving(self) -> bool:
-        return self._runs
+        return self.conveyor.moving
 
     def vacuum_kpa(self) -> float:
-        on = bool(self.valve_changes) and self.valve_changes[-1]
-        fade = math.exp(-(self.clock.now() - self._valve_s) / 0.03)
-        best = -70.0 if self.sealed else -6.0
-        return best * (1 - fade) if on else best * fade * bool(self.valve_changes)
+        return self.suction.pressure_kpa()
 
     def carrier_id(self) -> int:
-        self._settle()
-        return self._carrier
+        return self.carrier
 
     def drive_conveyor(self, on: bool) -> None:
-        self._settle()
-        self.belt_starts += on and not self._runs
-        self._runs = on
+        self.belt_starts += on
+        self.conveyor.drive(on)
 
     def clamp(self, on: bool) -> None:
-        self._settle()
-        self._clamped = on
+        self.conveyor.clamp(on)
 
     def release_carrier(self, good: bool) -> None:
-        self._settle()
-        self._leaving, self._good, self._ran_s = True, good, 0.0
+        self._good = good
+        self.conveyor.release()
 
     def valve(self, on: bool) -> None:
-        if on != (self.valve_changes[-1] if self.valve_changes else False):
-            self.valve_changes.append(on)
-            self._valve_s = self.clock.now()
+        self.suction.set(valve=on, sealed=on)
 
     def blow(self, on: bool) -> None:
-        self.blowing = on
+        self.suction.set(blow=on)
 
     def light(self, camera: int, on: bool) -> None:
         self.lights[camera] = on
 
-    def lamps(self, red: bool, amber: bool, green: bool, buzzer: bool) -> None:
-        self.tower = (red, amber, green, buzzer)
+    def lamps(self, *levels: bool) -> None:
+        self.tower = levels  # type: ignore[assignment]
 
 
-@asynccontextmanager
-async def running(plc: Plc) -> AsyncIterator[Plc]:
-    task = asyncio.create_task(plc.run())
-    try:
-        yield plc
-    finally:
-        task.cancel()
-        with suppress(asyncio.CancelledError):
-            await task
+class Bench:
+    """Station, PLC and the registers between the PLC and whoever writes to them."""
+
+    def __init__(self, seed: int = 1, **settings: Any) -> None:
+        self.station = Station(seed)
+        self.registers = dict.fromkeys([*range(16), *range(100, 132)], 0)
+        self.buttons: set[str] = set()
+        self.program = PlcProgram(
+            self.station,
+            self.registers,
+            photo_switch=self.station.photo_switch,
+            button=lambda name: name in self.buttons,
+            **settings,
+        )
+        self.frame: dict[int, int] = {0: 0, 1: 77, 3: 0, 4: 0, 5: 0, 6: 0}
+
+    def __getitem__(self, register: int) -> int:
+        return self.registers[register]
+
+    def scan(self, scans: int = 1) -> None:
+        """So many PLC cycles, with nothing new from the client."""
+        for _ in range(scans):
+            self.station.now_s += SCAN_S
+            self.station.settle()
+            self.program.scan(self.station.now_s, self.station.now_s)
+
+    def beat(self, scans: int = 1, **words: int) -> None:
+        """So many exchanges of a live client; words as w3=7 for register 3."""
+        self.frame |= {int(name[1:]): value for name, value in words.items()}
+        for _ in range(scans):
+            self.frame[0] = (self.frame[0] + 1) & 0xFFFF
+            self.registers.update(self.frame)
+            self.scan()
+
+    def command(self, command: int, argument: int = 0, *, within_s: float = 12.0) -> int:
+        """Give a new command and return its result."""
+        number = (self.registers[107] + 1) & 0xFFFF
+        self.beat(w3=number, w4=command, w5=argument)
+        for _ in range(round(within_s / SCAN_S)):
+            if self.registers[107] == self.registers[108] == number:
+                return self.registers[109]
+            self.beat()
+        raise AssertionError(f"command {command} is not finished: {[self.registers[at] for at in range(103, 115)]}")
 
 
-@dataclass
-class Cell:
-    """World, PLC and driver, connected."""
-
-    world: Belt
-    server: PlcServer
-    plc: Plc
-
-    def register(self, address: int) -> int:
-        return self.server.memory[address]
-
-
-@asynccontextmanager
-async def powered(speed: float = 20.0, **options: Any) -> AsyncIterator[tuple[Belt, PlcServer]]:
-    world = Belt(speed)
-    server = PlcServer(world, **options)
-    await server.start()
-    try:
-        yield world, server
-    finally:
-        await server.close()
-
-
-@asynccontextmanager
-async def cell(speed: float = 20.0, **options: Any) -> AsyncIterator[Cell]:
-    async with powered(speed) as (world, server), running(Plc("127.0.0.1", server.port, **options)) as plc:
-        await plc.ready(within_s=2)
-        yield Cell(world, server, plc)
-
-
-async def eventually(holds: Callable[[], bool], within_s: float = 2.0) -> None:
-    async with asyncio.timeout(within_s):
-        while not holds():
-            await asyncio.sleep(0.002)
+def live(seed: int = 1, **settings: Any) -> Bench:
+    """A bench whose client is served."""
+    bench = Bench(seed, **settings)
+    bench.scan(3)
+    bench.beat(2)
+    assert bench[102] == 77
+    return bench

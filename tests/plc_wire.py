@@ -3,20 +3,19 @@
 import asyncio
 import struct
 import time
-from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterable, Iterator
+from contextlib import asynccontextmanager, contextmanager
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 from drivers.errors import DeviceError
 from drivers.plc import Plc
+from drivers.plc_registers import PlcImage
 from simulators.modbus import Exchange
 from simulators.plc import PlcServer
 from tests.fault_proxy import FaultProxy, proxied
 from tests.plc_bench import Belt, powered, running
-from tests.wire_trouble import modbus_frames
-
-TRUTH_MS = 3000  # a vacuum below -30 kPa would count as reached
+from tests.wire_trouble import Trouble, modbus_frames
 
 
 class Written(NamedTuple):
@@ -59,6 +58,31 @@ class WiredCell:
         sent = [written(p.message) for p in self.proxy.record if p.direction == "up" and p.at_s > at_s]
         return {(w.sequence, w.command) for w in sent if w is not None and w.command}
 
+    def truth_age_s(self, image: PlcImage) -> float:
+        """How long ago the PLC answered with exactly this picture; fails when it never did."""
+        for exchange in reversed(self.executed):
+            words = exchange.answer[2:] if exchange.answer else b""
+            if words == struct.pack(">32H", *image.words):
+                return time.monotonic() - exchange.at_s
+        raise AssertionError(f"the PLC never answered {image}")
+
+    @contextmanager
+    def at_the_next_command(self, do: Callable[[], object]) -> Iterator[None]:
+        """When the PLC has executed the next new command, and before its answer is on the wire; fails if none came."""
+        known, done = set(self.commands_executed()), list[bool]()
+
+        def listen(exchange: Exchange) -> None:
+            self.executed.append(exchange)
+            found = written(bytes(7) + exchange.request)
+            if found and found.command and (found.sequence, found.command) not in known and not done:
+                done.append(True)
+                do()
+
+        self.server.modbus.listener = listen
+        yield
+        self.server.modbus.listener = self.executed.append
+        assert done, "no new command came"
+
     async def trouble_within(self, within_s: float) -> tuple[float, DeviceError]:
         """Wait until the driver's picture is worthless: after how many seconds, and why."""
         began_s = time.monotonic()
@@ -72,7 +96,7 @@ class WiredCell:
 
 
 @asynccontextmanager
-async def wired(speed: float = 20.0, *, world: Belt | None = None, seed: int = 1, **options: Any) -> AsyncIterator[WiredCell]:
+async def wired(speed: float = 20.0, *, seed: int = 1, **options: Any) -> AsyncIterator[WiredCell]:
     """A running cell whose Modbus frames go through a fault proxy; options are the driver's."""
     async with (
         powered(speed) as (belt, server),
@@ -83,3 +107,33 @@ async def wired(speed: float = 20.0, *, world: Belt | None = None, seed: int = 1
         server.modbus.listener = cell.executed.append
         await plc.ready(within_s=3)
         yield cell
+
+
+Provoke = Callable[[WiredCell], object]
+
+
+def down(**trouble: float) -> Provoke:
+    """Answers that go wrong."""
+
+    def provoke(c: WiredCell) -> None:
+        c.proxy.down = Trouble(**trouble)  # type: ignore[arg-type]
+
+    return provoke
+
+
+async def together(cases: Iterable[tuple[str, Awaitable[None]]]) -> None:
+    """All at once; what fails is named."""
+
+    async def named(name: str, case: Awaitable[None]) -> None:
+        try:
+            await case
+        except Exception as error:
+            error.add_note(f"in case: {name}")
+            wrong.append(error)
+
+    wrong = list[Exception]()
+    async with asyncio.TaskGroup() as group:
+        for name, case in cases:
+            group.create_task(named(name, case))
+    if wrong:
+        raise ExceptionGroup("some cases", wrong)

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from simulators.belt import COAST_DOWN_MM_S2, SPEED_MM_S, SPEED_UP_MM_S2, Belt
@@ -43,11 +43,12 @@ def bring(time: Time, made: Conveyor) -> None:
     time.now_s += 1.0
 
 
-@given(st.lists(st.tuples(st.booleans(), st.floats(0.0, 0.5)), max_size=12))
+@settings(max_examples=30)
+@given(st.lists(st.tuples(st.booleans(), st.floats(0.0, 0.5)), max_size=8))
 def test_the_way_is_the_integral_of_the_speed_whatever_the_motor_does(orders: list[tuple[bool, float]]) -> None:
     time = Time()
     belt = Belt(time)
-    summed_mm, step_s = 0.0, 0.001
+    summed_mm, step_s = 0.0, 0.002
     for on, for_s in orders:
         belt.aim(SPEED_MM_S if on else 0.0)
         for _ in range(round(for_s / step_s)):
@@ -57,7 +58,7 @@ def test_the_way_is_the_integral_of_the_speed_whatever_the_motor_does(orders: li
             assert 0.0 <= after_mm_s <= SPEED_MM_S
             assert -COAST_DOWN_MM_S2 * step_s - 1e-6 <= after_mm_s - before_mm_s <= SPEED_UP_MM_S2 * step_s + 1e-6
             summed_mm += (before_mm_s + after_mm_s) / 2 * step_s
-    assert belt.ran_mm() == pytest.approx(summed_mm, abs=0.01 * (1 + len(orders)))
+    assert belt.ran_mm() == pytest.approx(summed_mm, abs=0.02 * (1 + len(orders)))
 
 
 @given(st.floats(0.05, 0.4), st.floats(0.0, 60.0))
@@ -92,8 +93,8 @@ def test_a_belt_that_was_switched_off_coasts_on_and_then_stands() -> None:
 def test_carriers_come_scattered_within_their_limits_and_leave_after_their_length() -> None:
     time, made = conveyor()
     ways_s = []
-    for _ in range(40):
-        bring(time, made)
+    bring(time, made)
+    for _ in range(30):
         made.clamp(False)
         made.release()
         made.drive(True)
@@ -103,6 +104,7 @@ def test_carriers_come_scattered_within_their_limits_and_leave_after_their_lengt
         came_s = run_until(time, made, "arrived")
         ways_s.append(came_s - left_s)
         made.drive(False)
+        made.clamp(True)
         time.now_s += 0.5
     nominal_s, scatter_s = APART_MM / SPEED_MM_S, APART_SCATTER_MM / SPEED_MM_S
     assert min(ways_s) >= nominal_s - scatter_s - 0.002
@@ -132,7 +134,7 @@ def test_the_clamp_needs_its_time_and_holds_a_carrier_whose_pin_is_down() -> Non
     run_until(time, made, "arrived")
     made.clamp(True)
     assert not made.clamped
-    time.now_s += CLAMP_S
+    time.now_s += CLAMP_S + 0.001
     assert made.clamped
     made.release()
     time.now_s += 2.0

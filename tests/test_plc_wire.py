@@ -1,11 +1,10 @@
-"""The PLC driver's end of the wire: every answer judged to the last byte, brands that turn bytes, words and addresses round."""
+"""The PLC driver's end of the wire: answers judged to the last byte, brands that turn bytes, words and addresses."""
 
 import asyncio
-import random
 import struct
-from collections import Counter
 from collections.abc import AsyncIterator, Sequence
 from contextlib import asynccontextmanager
+from itertools import pairwise
 from typing import Any
 
 import pytest
@@ -15,14 +14,14 @@ from hypothesis import strategies as st
 from drivers.errors import DeviceError
 from drivers.modbus_frames import NotTheAnswer, Question, Request, read, read_write, said, write
 from drivers.plc import Plc
-from drivers.plc_layout import Layout, PlcAddress
-from drivers.plc_port import PlcPort
+from drivers.plc_layout import Layout
 from drivers.plc_tags import Value, values
 from simulators.modbus import ModbusServer
 from simulators.modbus_bank import Bank, Table
 from tests.fault_proxy import proxied
+from tests.plc_storm import storm
 from tests.test_plc import eventually, powered, running
-from tests.wire_trouble import Trouble, modbus_frames
+from tests.wire_trouble import modbus_frames
 
 WORD = st.integers(0, 0xFFFF)
 WORDS = st.lists(WORD, min_size=1, max_size=120)
@@ -109,82 +108,35 @@ def test_a_request_is_told_in_words(case: tuple[Question, bytes, list[int]]) -> 
     assert str(request).startswith(f"FC{request.pdu[0]} ")
 
 
-# -- ten thousand bad answers ------------------------------------------------------------------------------------
-
-STORM = Trouble(late=0.3, late_s=0.03, duplicate=0.3, stale=0.3)
-BAD_ANSWERS = 10_000
-CLIENTS = 40
+# -- thousands of bad answers ------------------------------------------------------------------------------------
 
 
-@asynccontextmanager
-async def echo() -> AsyncIterator[ModbusServer]:
-    """A server that shows, all over the picture, the heartbeat that the very same request wrote."""
-    bank = Bank(holding=[*range(16), *range(100, 132)])
+async def test_of_late_doubled_and_reordered_answers_none_is_ever_taken_for_another() -> None:
+    """`make bench-plc` does it with 10,000."""
+    sent, taken = await storm(1500)
 
-    def show(table: Table, address: int, count: int) -> None:
-        memory = bank.tables[Table.HOLDING]
-        memory.update(dict.fromkeys(range(100, 132), memory[0]))
-
-    bank.after_write = show
-    server = ModbusServer(bank, most_clients=200)
-    await server.start()
-    try:
-        yield server
-    finally:
-        await server.close()
-
-
-async def test_of_ten_thousand_late_doubled_and_reordered_answers_none_is_ever_taken_for_another() -> None:
-    """Answers outlive their connection too (`haunted`), as behind a gateway. Judged by what each request wrote."""
-    seen: Counter[str] = Counter()
-    async with echo() as server, proxied(server.port, messages=modbus_frames, seed=5) as proxy:
-        proxy.down, proxy.haunted = STORM, True
-
-        def bad() -> int:
-            return sum(proxy.counts[f"down {name}"] for name in ("late", "duplicate", "stale"))
-
-        async def client(number: int) -> None:
-            chance, address, transaction = random.Random(number), PlcAddress("127.0.0.1", proxy.port), number
-            while bad() < BAD_ANSWERS:
-                port = PlcPort("plc", address, within_s=0.02, transaction=transaction)
-                try:
-                    await port.open()
-                    while bad() < BAD_ANSWERS:
-                        word = chance.randrange(0x10000)
-                        picture = await port.exchange([word] + 15 * [0])
-                        seen["right" if set(picture) == {word} else "wrong"] += 1
-                except DeviceError as error:
-                    seen[type(error).__name__] += 1
-                finally:
-                    transaction = port.transaction
-                    port.close()
-
-        async with asyncio.TaskGroup() as group:
-            for number in range(CLIENTS):
-                group.create_task(client(number))
-
-        assert bad() >= BAD_ANSWERS
-        assert proxy.counts["ghosts"] > 100
-    assert seen["wrong"] == 0
-    assert seen["right"] > 1000
-    assert seen["NoAnswer"] > 1000
-    assert seen["Garbled"] > 1000
+    assert min(sent[kind] for kind in ("doubled", "out of turn", "late, on another connection")) > 100
+    assert taken["wrong"] == 0
+    assert taken["right"] > 1000
+    assert taken["NoAnswer"] > 100
+    assert taken["Garbled"] > 500
 
 
 async def test_the_number_of_a_question_goes_on_over_connections() -> None:
-    async with powered() as (world, server), proxied(server.port, messages=modbus_frames) as proxy:
+    async with powered() as (_, server), proxied(server.port, messages=modbus_frames) as proxy:
         async with running(Plc("127.0.0.1", proxy.port)) as plc:
-            await plc.ready(within_s=2)
-            proxy.reset()
-            await plc.ready(within_s=2)
-            proxy.reset()
-            await plc.ready(within_s=2)
+            for _ in range(3):
+                await plc.ready(within_s=2)
+                await asyncio.sleep(0.05)
+                proxy.reset()
+                await eventually(lambda: bool(plc.seen().trouble))
         asked = [passed.message[:2] for passed in proxy.record if passed.direction == "up"]
         numbers = [int.from_bytes(message) for message in asked]
 
-    assert len(numbers) > 6
-    assert all((after - before) % 0x10000 == 1 for before, after in zip(numbers, numbers[1:], strict=False))
-    assert numbers[0] != 1 or numbers[1] != 2 or world.valve_changes == []
+    assert proxy.counts["connections"] == 3
+    assert len(numbers) > 10
+    assert {(after - before) % 0x10000 for before, after in pairwise(numbers)} <= {1, 2}  # one may die on its way
+    assert numbers[:2] != [1, 2]
 
 
 # -- brands ------------------------------------------------------------------------------------------------------
@@ -320,5 +272,4 @@ async def test_the_newest_packets_are_kept_and_read_like_sentences() -> None:
 
         assert len(sent) in (199, 200, 201)
         assert str(sent[-1]).endswith("FC23 reading registers 100..131 and writing registers 0..15")
-        assert {packet.at_s for packet in packets} == set(sorted(packet.at_s for packet in packets))
         assert packets[-1].at_s - packets[0].at_s > 1

@@ -8,6 +8,7 @@ from contextlib import asynccontextmanager
 import pytest
 
 import drivers.conversation
+import drivers.rcx3
 import drivers.robot_motion
 from cellctl.assembly.hand import lift_free
 from drivers.errors import Collision, DeviceError, Garbled, LinkLost, Mismatch, NoAnswer, Refused
@@ -28,7 +29,7 @@ def short_patience(monkeypatch):
         monkeypatch.setattr(drivers.robot_motion, name, patience_s)
     for name in ("ANSWER_S", "STOP_S"):
         monkeypatch.setattr(drivers.conversation, name, 0.3)
-    monkeypatch.setattr(drivers.conversation, "GREETING_S", 0.1)
+    monkeypatch.setattr(drivers.rcx3.Rcx3, "greeting_s", 0.1)
 
 
 async def begun(bench, task):

@@ -125,6 +125,13 @@ class UnitsLeftRequest(_Request):
     count: Annotated[int, Field(ge=0, le=1_000_000)]
 
 
+class PlcRequest(_Request):
+    """The PLC's register map as the daemon sees it, and so many of the last packets on the wire."""
+
+    verb: Literal["plc"]
+    packets: Annotated[int, Field(ge=0, le=400)]
+
+
 class WatchRequest(_Request):
     """Stream events until the connection is closed."""
 
@@ -145,6 +152,7 @@ Request = (
     | DriftAnewRequest
     | ProceedRequest
     | UnitsLeftRequest
+    | PlcRequest
 )
 """What a handler is asked. `watch` is answered by the server itself."""
 

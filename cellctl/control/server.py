@@ -29,6 +29,7 @@ from cellctl.control.requests import (
     MAX_LINE,
     VERSION,
     BadRequest,
+    PlcRequest,
     Request,
     StatusRequest,
     WatchRequest,
@@ -189,7 +190,7 @@ class ControlServer:
 
     async def _answer(self, request: Request, peer: Peer | None) -> Mapping[str, object]:
         asked = " ".join(str(value) for key, value in request if key != "version")
-        quiet = isinstance(request, StatusRequest)
+        quiet = isinstance(request, StatusRequest | PlcRequest)
         try:
             reply = await asyncio.wait_for(self._handler(request), ANSWER_WITHIN_S)
         except (Declined, NotAllowed) as error:

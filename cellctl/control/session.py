@@ -16,6 +16,7 @@ from cellctl.cell import Cell, Work
 from cellctl.config import CellConfig
 from cellctl.control.errors import Declined
 from cellctl.control.events import Event, progress_event
+from cellctl.control.plc_report import report
 from cellctl.control.requests import (
     CalibrateRequest,
     CalibrationUseRequest,
@@ -23,6 +24,7 @@ from cellctl.control.requests import (
     DriftAnewRequest,
     HysteresisRequest,
     ModeRequest,
+    PlcRequest,
     ProceedRequest,
     RecipeUseRequest,
     Request,
@@ -108,6 +110,8 @@ class Session:
         match request:
             case StatusRequest():
                 return {**self.status(), **await self._standing()}
+            case PlcRequest():
+                return report(self._devices.plc.seen(), request.packets)
             case CalibrationUseRequest():
                 return await self._use_calibration(request)
             case DriftAnewRequest():

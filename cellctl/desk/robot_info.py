@@ -44,7 +44,7 @@ async def _facts(desk: AtDesk) -> Facts:
         "state": await _state(desk),
         "position": await _position(desk),
         "limits": _limits(desk),
-        "settings": dict(_entry(line) for line in await _lines(robot.files.read("PRM"))),
+        "settings": _settings(await _lines(robot.files.read("PRM"))),
         "memory": await _memory(desk),
         "alarms": await _alarms(desk),
     }
@@ -111,9 +111,14 @@ async def _lines(read: Awaitable[list[str]]) -> list[str]:
         return []
 
 
-def _entry(line: str) -> tuple[str, str]:
-    name, _, value = line.partition("=")
-    return name.strip(), value.strip()
+def _settings(lines: list[str]) -> dict[str, str]:
+    """By name; what an axis has of its own, as ACCEL(1)=100, in the order of the axes."""
+    found: dict[str, str] = {}
+    for line in lines:
+        name, _, value = line.partition("=")
+        name = name.partition("(")[0].strip()
+        found[name] = f"{found.get(name, '')} {value.strip()}".strip()
+    return found
 
 
 def _on(is_on: bool) -> str:

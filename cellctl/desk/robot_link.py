@@ -1,6 +1,5 @@
 """The robot's controller, talked to from the desk: only while no daemon owns it."""
 
-import asyncio
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from pathlib import Path
@@ -10,14 +9,12 @@ import click
 
 from cellctl.arm import build_robot
 from cellctl.config import CellConfig, load_config
+from cellctl.desk.ownership import nobody_owns
 from drivers.link_address import parse_address
 from drivers.reach import Limits
 from drivers.robot import Robot
 
-OWNED = (
-    "the daemon runs and owns the robot: stop it first (`systemctl stop cellctl`), "
-    "or look at what it knows: `cellctl status`, `cellctl log`"
-)
+ROBOT = "the robot"
 
 
 class Which(NamedTuple):
@@ -42,25 +39,12 @@ async def at_desk(which: Which) -> AsyncIterator[AtDesk]:
     config = load_config(which.config) if which.config is not None else None
     desk = _of_address(which) if which.address is not None else _of_cell(config)
     if config is not None and config.robot.address == desk.address:
-        await nobody_owns(config)
+        await nobody_owns(config, ROBOT)
     try:
         await desk.robot.open()
         yield desk
     finally:
         await desk.robot.close()
-
-
-async def nobody_owns(config: CellConfig) -> None:
-    """Raises ClickException when the daemon runs, or when that cannot be told."""
-    path = config.paths.control_socket
-    try:
-        _, writer = await asyncio.open_unix_connection(path)
-    except (FileNotFoundError, ConnectionRefusedError):
-        return
-    except OSError as error:
-        raise click.ClickException(f"{path}: {error.strerror}, so nobody knows whether the daemon runs") from error
-    writer.close()
-    raise click.ClickException(OWNED)
 
 
 def _of_cell(config: CellConfig | None) -> AtDesk:

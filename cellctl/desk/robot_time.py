@@ -13,7 +13,8 @@ from cellctl.assembly.hand import FREEING_SPEED_PCT, lift_free
 from cellctl.assembly.stretches import Places, Stretch, drawn_places, predicted_s, stretches, taught_places
 from cellctl.config import CellConfig, load_config
 from cellctl.desk.commands import run_loop
-from cellctl.desk.robot_link import nobody_owns
+from cellctl.desk.ownership import nobody_owns
+from cellctl.desk.robot_link import ROBOT
 from cellctl.faults import NotCalibrated
 from cellctl.learnt.taught import taught_in_use
 from cellctl.mount import OutOfReach
@@ -66,7 +67,7 @@ def show_times(config_path: Path, name: str, *, predict: bool, sure: bool, as_js
     if as_json and not (sure or predict):
         raise click.ClickException("--json asks nothing, so say --yes as well, or --predict")
     if not predict:
-        run_loop(nobody_owns(config))
+        run_loop(nobody_owns(config, ROBOT))
         if not sure:
             click.confirm(QUESTION.format(units=ROUNDS, recipe=name), abort=True)
     times = Times(_predicted(config, ways, 0.0), 0.0) if predict else run_loop(measured(config, ways))

@@ -111,8 +111,8 @@ class Motions:
             raise self._targets.why_not(unreachable) from unreachable
         except RuntimeError:
             raise Refusal(Code.MOVING) from None
-        begins, ends = forward(plan.start), forward(plan.end)
-        self._log.add("moves", way=type(order).__name__, begins=begins, ends=ends, ends_s=plan.end_s)
+        way, begins, ends = type(order).__name__, forward(plan.start), forward(plan.end)
+        self._log.add("moves", way=way, begins=begins, ends=ends, begins_s=plan.begin_s, ends_s=plan.end_s)
         self.last, self.last_blends = plan, given.blends
         self._begun(plan)
         return plan

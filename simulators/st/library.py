@@ -98,14 +98,14 @@ def _tof(frame: Frame) -> None:
 def _tp(frame: Frame) -> None:
     """[time, IN, PT, Q, ET, since, IN before]: one pulse of length PT, whatever IN does meanwhile."""
     now_us = frame[0].now_us
-    if frame[1] and not frame[6] and not frame[3]:
-        frame[3], frame[5] = True, now_us
-    frame[6] = frame[1]
     if frame[3]:
         frame[4] = min(now_us - frame[5], frame[2])
         frame[3] = frame[4] < frame[2]
-    elif not frame[1]:
+    if frame[1] and not frame[6] and not frame[3]:
+        frame[3], frame[4], frame[5] = frame[2] > 0, 0, now_us
+    elif not frame[1] and not frame[3]:
         frame[4] = 0
+    frame[6] = frame[1]
 
 
 def _r_trig(frame: Frame) -> None:

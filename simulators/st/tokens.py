@@ -83,7 +83,7 @@ def _checked(kind: str, text: str, spot: Spot, two: str) -> Token:
     if kind != "name":
         return Token(kind, text, spot)
     if text.upper() in NOT_SUPPORTED:
-        raise StError(spot, f"{text.upper()} is not supported")
+        raise StError(spot, f"{text.upper()} is a keyword that is not supported")
     if "__" in text or text.endswith("_"):
         raise StError(spot, f"{text}: underscores that are doubled or last are not portable")
     return Token("keyword", text.upper(), spot) if text.upper() in KEYWORDS else Token("name", text, spot)

@@ -45,7 +45,7 @@ def _imaging() -> list[Control]:
         Control(AUTO_GAIN, "Gain, Automatic", ControlType.BOOLEAN, 0, 1, 1, 1),
         Control(GAIN, "Gain", ControlType.INTEGER, 0, 240, 1, 0),
         Control(EXPOSURE_AUTO, "Auto Exposure", ControlType.MENU, 0, 3, 1, APERTURE_PRIORITY, automatic),
-        Control(EXPOSURE_ABSOLUTE, "Exposure Time, Absolute", ControlType.INTEGER, 1, 10000, 1, 156),
+        Control(EXPOSURE_ABSOLUTE, "Exposure Time, Absolute", ControlType.INTEGER, 1, 10000, 1, 20),
         Control(EXPOSURE_AUTO_PRIORITY, "Exposure, Dynamic Framerate", ControlType.BOOLEAN, 0, 1, 1, 1),
     ]
 

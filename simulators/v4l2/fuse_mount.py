@@ -65,7 +65,7 @@ class FuseFile:
         self._ending.set()
         self._wake()
         self._thread.join(END_WITHIN_S)
-        _unmount(self.path)
+        unmount(self.path)
         os.close(self._fd)
         os.close(self._changed)
         if self._made:
@@ -146,7 +146,8 @@ def _mounted_by_helper(path: Path) -> int:
     return numbers[0]
 
 
-def _unmount(path: Path) -> None:
+def unmount(path: Path) -> None:
+    """Take a file away that is mounted there; nothing when none is."""
     if os.geteuid() == 0:
         ctypes.CDLL(None).umount2(os.fsencode(path), DETACH)
     else:

@@ -1,4 +1,4 @@
-"""A thread of one camera for calls that block, and how threads talk to the event loop."""
+"""A thread of one device for calls that block, and how threads talk to the event loop."""
 
 import asyncio
 import queue

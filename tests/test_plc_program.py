@@ -1,0 +1,475 @@
+"""The delivered PLC program, executed as it is and judged by what conveyor, clamp, cup and robot enable truly do."""
+
+import re
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from simulators.conveyor import Fault
+from simulators.plc_program import DELIVERED, ON_WALL_TIME
+from simulators.plc_wiring import analogue
+from simulators.st.errors import StError
+from tests.plc_bench import (
+    BRING,
+    FAULT,
+    NOT_YOUR_SESSION,
+    OK,
+    RELEASE_GOOD,
+    RELEASE_REJECT,
+    RESET,
+    STOP,
+    TIMED_OUT,
+    UNKNOWN,
+    WRONG_STATE,
+    Bench,
+    live,
+)
+
+STARTING, READY, RUNNING, SILENT, IN_FAULT, EMERGENCY = range(6)
+
+
+# -- the sequence ----------------------------------------------------------------------------------------------
+
+
+def test_carriers_come_one_by_one_and_go_where_they_are_told() -> None:
+    bench = live()
+    for number in range(1, 5):
+        assert bench.command(BRING) == OK
+        assert (bench[110], bench[113], bench.station.came) == (number, 500 + number, number)
+        assert bench.station.carrier_clamped()
+        assert not bench.station.conveyor_moving()
+        assert bench.command(RELEASE_GOOD if number % 2 else RELEASE_REJECT, 500 + number) == OK
+    assert bench.station.left == [(501, True), (502, False), (503, True), (504, False)]
+
+
+def test_an_arrival_counts_only_when_the_carrier_is_clamped_and_the_belt_at_rest() -> None:
+    bench = live()
+    bench.beat(w3=1, w4=BRING)
+    before = 0
+    while bench[108] != 1:
+        bench.beat()
+        if bench[110] != before:
+            before = bench[110]
+            assert bench.station.carrier_clamped()
+            assert not bench.station.conveyor_moving()
+    assert before == 1
+
+
+def test_the_age_of_an_arrival_is_told_in_ms_in_two_words() -> None:
+    bench = live()
+    assert (bench[111], bench[112]) == (0, 0)
+    bench.command(BRING)
+    age_ms = bench[111] << 16 | bench[112]
+    bench.beat(7_000)
+    assert (bench[111] << 16 | bench[112]) - age_ms == pytest.approx(70_000, abs=20)
+    assert bench[111] == 1
+
+
+def test_an_empty_line_is_a_bring_that_timed_out_after_8_s_and_no_fault() -> None:
+    bench = live()
+    bench.station.conveyor.inject("stuck")
+    began_s = bench.station.now_s
+    assert bench.command(BRING) == TIMED_OUT
+    assert bench.station.now_s - began_s == pytest.approx(8.0, abs=0.1)
+    assert (bench[103], bench[114]) == (READY, 0)
+    assert not bench.station.conveyor._driven
+
+
+@pytest.mark.parametrize(
+    ("fault", "begin", "result", "number"),
+    [("blocked", BRING, FAULT, 3), ("blocked", RELEASE_GOOD, FAULT, 3), ("creeps", BRING, TIMED_OUT, 2)],
+)
+def test_a_belt_that_fails_ends_the_command_and_is_a_fault_until_it_is_reset(
+    fault: Fault, begin: int, result: int, number: int
+) -> None:
+    bench = live()
+    if begin == RELEASE_GOOD:
+        bench.command(BRING)
+    bench.station.conveyor.inject(fault)
+    assert bench.command(begin, 501) == result
+    assert (bench[103], bench[114]) == (IN_FAULT, number)
+    assert bench.command(BRING) == WRONG_STATE
+    bench.station.conveyor.inject(fault, on=False)
+    assert bench[114] == number
+    assert bench.command(RESET) == OK
+    bench.beat()
+    assert (bench[103], bench[114]) == (READY, 0)
+
+
+def test_a_belt_that_does_not_stop_is_a_fault_within_a_second() -> None:
+    bench = live()
+    bench.station.conveyor.inject("creeps")
+    bench.beat(99)
+    assert bench[114] == 0
+    bench.beat(3)
+    assert bench[114] == 4
+
+
+def test_a_clamp_that_does_not_close_is_fault_2(monkeypatch: pytest.MonkeyPatch) -> None:
+    bench = live()
+    monkeypatch.setattr(bench.station.conveyor, "clamp", lambda on: None)
+    assert bench.command(BRING) == TIMED_OUT
+    assert (bench[103], bench[114], bench[110]) == (IN_FAULT, 2, 0)
+
+
+def test_a_carrier_that_does_not_leave_the_beam_is_fault_1(monkeypatch: pytest.MonkeyPatch) -> None:
+    bench = live()
+    bench.command(BRING)
+    monkeypatch.setattr(bench.station.conveyor, "release", lambda: None)
+    assert bench.command(RELEASE_GOOD, 501) == TIMED_OUT
+    assert (bench[103], bench[114]) == (IN_FAULT, 1)
+    assert bench.station.left == []
+
+
+@pytest.mark.parametrize(
+    ("command", "argument", "clamped", "result"),
+    [
+        (BRING, 0, True, WRONG_STATE),
+        (RELEASE_GOOD, 99, True, WRONG_STATE),
+        (RELEASE_REJECT, 0, False, WRONG_STATE),
+        (RELEASE_GOOD, 501, False, WRONG_STATE),
+        (0, 0, True, UNKNOWN),
+        (6, 0, False, UNKNOWN),
+        (65_535, 0, False, UNKNOWN),
+        (STOP, 0, True, OK),
+        (RESET, 0, True, OK),
+    ],
+)
+def test_what_cannot_be_done_now_is_answered_and_moves_nothing(
+    command: int, argument: int, clamped: bool, result: int
+) -> None:
+    bench = live()
+    if clamped:
+        bench.command(BRING)
+    starts = bench.station.belt_starts
+    assert bench.command(command, argument) == result
+    bench.beat(20)
+    assert bench.station.belt_starts == starts
+    assert bench.station.carrier_clamped() is clamped
+
+
+def test_stop_conveyor_ends_a_bring_at_once() -> None:
+    bench = live()
+    bench.beat(20, w3=1, w4=BRING)
+    assert bench[103] == RUNNING
+    bench.beat(w3=2, w4=STOP)
+    assert [bench[at] for at in (107, 108, 109)] == [2, 2, OK]
+    assert not bench.station.conveyor._driven
+
+
+def test_another_command_waits_until_the_one_before_is_finished() -> None:
+    bench = live()
+    bench.beat(10, w3=1, w4=BRING)
+    bench.beat(10, w3=2, w4=RELEASE_GOOD, w5=501)
+    assert (bench[107], bench[108]) == (1, 0)
+    bench.beat(300)
+    assert [bench[at] for at in (107, 108, 109)] == [2, 2, OK]
+    assert bench.station.left == [(501, True)]
+
+
+# -- exactly once ----------------------------------------------------------------------------------------------
+
+traffic = st.lists(st.sampled_from(["write", "write", "lose", "repeat", "late"]), min_size=1, max_size=12)
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    st.lists(st.tuples(st.sampled_from([BRING, RELEASE_GOOD, RELEASE_REJECT, STOP, RESET, 9]), traffic), max_size=8),
+    st.integers(0, 0xFFFF),
+    st.randoms(use_true_random=False),
+)
+def test_every_command_is_executed_once_whatever_is_lost_repeated_or_late(commands, first, chance) -> None:  # type: ignore[no-untyped-def]
+    bench = live()
+    bench.beat(w3=first)
+    sent: list[dict[int, int]] = []
+    expected: list[tuple[int, bool]] = []
+    number, came = bench[107], 0
+    for command, ways in commands:
+        number = (number + 1) & 0xFFFF
+        here = bench.station.carrier
+        bench.frame |= {3: number, 4: command, 5: here}
+        while [bench[at] for at in (107, 108)] != [number, number]:
+            for way in ways:
+                disturb(bench, way, sent, chance)
+            bench.beat()
+            sent.append(dict(bench.frame))
+        result = bench[109]
+        if command == BRING:
+            assert result == (WRONG_STATE if here else OK)
+            came += result == OK
+        elif command in (RELEASE_GOOD, RELEASE_REJECT):
+            assert result == (OK if here else WRONG_STATE)
+            expected += [(here, command == RELEASE_GOOD)] if here else []
+        else:
+            assert result == (UNKNOWN if command == 9 else OK)
+        assert (bench[110], bench.station.came, bench.station.left) == (came, came, expected)
+    assert bench.station.belt_starts == came + len(expected)
+
+
+def disturb(bench: Bench, way: str, sent: list[dict[int, int]], chance) -> None:  # type: ignore[no-untyped-def]
+    """One PLC cycle in which the wire does something to the client's packets."""
+    if way == "write":
+        bench.beat()
+    elif way == "lose":
+        bench.frame[0] = (bench.frame[0] + 1) & 0xFFFF
+        bench.scan()
+    elif sent:
+        bench.registers.update(sent[-1] if way == "repeat" else chance.choice(sent))
+        bench.scan()
+
+
+def test_a_late_packet_changes_no_output() -> None:
+    bench = live()
+    bench.beat(3, w6=0)
+    late = dict(bench.frame)
+    bench.beat(30, w6=1)
+    assert bench.station.suction.valve
+    bench.registers.update(late)
+    bench.scan()
+    assert bench.station.suction.valve
+    bench.beat(w6=0)
+    assert not bench.station.suction.valve
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.integers(0xFFF0, 0xFFFF), st.integers(0xFFF0, 0xFFFF))
+def test_numbers_and_heartbeats_wrap_around(number: int, heartbeat: int) -> None:
+    bench = live()
+    bench.frame[0] = heartbeat  # far from the one before: the session has to begin anew
+    bench.scan(120)
+    bench.beat(3, w1=78, w3=number)
+    assert [bench[at] for at in (102, 107, 109)] == [78, number, NOT_YOUR_SESSION]
+    for _ in range(10):
+        assert bench.command(BRING) == OK
+        assert bench.command(RELEASE_GOOD, bench.station.carrier) == OK
+    assert bench[110] == len(bench.station.left) == 10
+
+
+# -- who is served, and whether it lives -------------------------------------------------------------------------
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.lists(st.integers(1, 130), min_size=1, max_size=12))
+def test_enable_falls_500_ms_after_the_last_heartbeat_and_the_session_ends_after_1_s(gaps: list[int]) -> None:
+    bench = live()
+    for gap in gaps:
+        bench.beat(2)
+        assert bench.station.robot_enable
+        assert (bench[102], bench[103]) == (77, READY)
+        for scans in range(1, gap + 1):
+            bench.scan()
+            assert bench.station.robot_enable is (scans <= 50)
+            assert bench[102] == (77 if scans <= 100 else 0)
+            assert bench[103] == (READY if scans <= 50 else SILENT)
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.lists(st.tuples(st.sampled_from([11, 22, 33]), st.integers(1, 60), st.integers(0, 3)), max_size=25))
+def test_the_first_live_session_is_served_and_others_only_after_it_was_silent_for_1_s(turns) -> None:  # type: ignore[no-untyped-def]
+    bench = Bench()
+    bench.scan(3)
+    served, silent, heartbeat = 0, 0, 0
+    for session, scans, command in turns:
+        for _ in range(scans):
+            heartbeat = (heartbeat + 1) & 0xFFFF
+            bench.registers.update({0: heartbeat, 1: session, 3: session, 4: command, 6: session & 0xFF})
+            silent = 0 if session == served else silent + 1
+            served = session if served == 0 or silent > 100 else served
+            silent = 0 if session == served else silent
+            bench.scan()
+            assert bench[102] == served
+            assert bench[107] == session
+            assert bench[109] == NOT_YOUR_SESSION  # each number was written before its session was served
+            assert bench.station.lights[1] is bool(served & 4)
+    assert bench.station.belt_starts == 0
+
+
+def test_what_stands_in_the_registers_at_power_on_is_no_sign_of_life() -> None:
+    bench = Bench()
+    bench.registers.update({0: 5, 1: 77, 3: 4, 4: BRING, 6: 1})
+    bench.scan(200)
+    assert (bench[102], bench[103], bench.station.belt_starts) == (0, SILENT, 0)
+    assert not bench.station.robot_enable
+    assert not bench.station.suction.valve
+
+
+def test_a_power_cycle_keeps_clamp_and_vacuum_and_counts_the_boot() -> None:
+    bench = live()
+    bench.command(BRING)
+    bench.beat(5, w6=0b101)
+    bench.program.halt()
+    assert not bench.station.robot_enable
+    assert not bench.station.lights[1]
+    bench.registers.update(dict.fromkeys(bench.registers, 0))
+    bench.program.restart()
+    bench.scan(50)
+    assert (bench[117], bench[102], bench[107], bench[110]) == (2, 0, 0, 0)
+    assert bench.station.suction.valve
+    assert bench.station.carrier_clamped()
+    assert not bench.station.lights[1]
+
+
+def test_the_plc_is_starting_for_20_ms_and_takes_no_command() -> None:
+    bench = Bench()
+    bench.scan()
+    bench.beat(w3=0)
+    bench.beat(w3=1, w4=BRING)
+    seen = [bench[103]]
+    bench.beat()
+    assert [*seen, bench[103]] == [READY, RUNNING] or seen == [STARTING]
+
+
+# -- safety ------------------------------------------------------------------------------------------------------
+
+facts = st.tuples(st.booleans(), st.booleans(), st.booleans())
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.lists(facts, min_size=1, max_size=30))
+def test_every_fall_of_a_safety_fact_is_latched_until_the_latches_are_reset(history) -> None:  # type: ignore[no-untyped-def]
+    bench = live()
+    before, lost = 0b1111, 0
+    for estop_pressed, guard_open, air_ok in history:
+        bench.station.estop_pressed, bench.station.guard_open, bench.station.air_ok = estop_pressed, guard_open, air_ok
+        bench.beat()
+        enable = not estop_pressed and not guard_open
+        now = (not estop_pressed) | (not guard_open) << 1 | air_ok << 2 | enable << 3
+        lost |= before & ~now
+        before = now
+        assert (bench[104], bench[106]) == (now, lost)
+        assert bench.station.robot_enable is enable
+        assert (bench[103] == EMERGENCY) is estop_pressed
+    assert bench.command(RESET) == OK
+    assert bench[106] == 0
+
+
+@pytest.mark.parametrize("lose", ["estop_pressed", "guard_open", "silence"])
+@pytest.mark.parametrize("begin", [BRING, RELEASE_GOOD])
+def test_lost_safety_or_a_silent_client_stops_the_belt_and_ends_the_command_as_a_fault(lose: str, begin: int) -> None:
+    bench = live()
+    if begin == RELEASE_GOOD:
+        bench.command(BRING)
+    number = bench[107] + 1
+    bench.beat(5, w3=number, w4=begin, w5=bench.station.carrier)
+    assert bench.station.conveyor._driven
+    if lose == "silence":
+        bench.scan(52)
+    else:
+        setattr(bench.station, lose, True)
+        bench.scan()
+    assert not bench.station.conveyor._driven
+    assert [bench[at] for at in (107, 108, 109)] == [number, number, FAULT]
+
+
+# -- inputs and outputs ------------------------------------------------------------------------------------------
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.lists(st.tuples(st.booleans(), st.integers(1, 6)), max_size=30))
+def test_a_level_of_the_switch_counts_when_it_has_stood_for_20_ms(levels: list[tuple[bool, int]]) -> None:
+    bench = live()
+    state, raw_before, scans = False, False, 0
+    for raw, for_scans in levels:
+        bench.program._inputs[0] = (bench.program._inputs[0][0], lambda raw=raw: raw)  # type: ignore[misc]
+        for _ in range(for_scans):
+            scans = scans + 1 if raw == raw_before and raw != state else 0
+            raw_before = raw
+            if raw != state and scans >= 2:
+                state, scans = raw, 0
+            bench.beat()
+            assert bench[105] & 1 == state
+
+
+def test_buttons_are_debounced_and_counted_modulo_256() -> None:
+    bench = live()
+    for name, times in (("start", 300), ("stop", 2), ("reset", 3)):
+        for _ in range(times):
+            bench.buttons = {name}
+            bench.beat(1)
+            bench.buttons = set()
+            bench.beat(1)  # a bounce, too short to count
+            bench.buttons = {name}
+            bench.beat(4)
+            bench.buttons = set()
+            bench.beat(4)
+    assert bench[118] == 2 << 8 | 300 % 256
+    assert bench[119] == 3
+    bench.buttons = {"stop"}
+    bench.beat(4)
+    assert bench[105] & 0xE0 == 0x40
+
+
+@given(st.floats(-110.0, 20.0))
+def test_the_vacuum_is_told_in_tenths_of_a_kpa(kpa: float) -> None:
+    bench = live()
+    bench.station.vacuum_kpa = lambda: kpa  # type: ignore[method-assign]
+    bench.program._inputs[10] = (bench.program._inputs[10][0], lambda: analogue(kpa))
+    bench.beat()
+    told = bench[115] - ((bench[115] & 0x8000) << 1)
+    assert told == pytest.approx(kpa * 10, abs=0.52)
+
+
+def test_vacuum_reached_has_a_hysteresis_from_40_to_35_kpa() -> None:
+    bench = live()
+    place = bench.program._inputs[10][0]
+    seen = []
+    for kpa in (-30.0, -39.0, -41.0, -36.0, -34.0, -39.0):
+        bench.program._inputs[10] = (place, lambda kpa=kpa: analogue(kpa))  # type: ignore[misc]
+        bench.beat()
+        seen.append(bool(bench[105] & 2))
+    assert seen == [False, False, True, True, False, False]
+
+
+@given(st.integers(0, 0xFF))
+def test_each_output_bit_reaches_its_actuator(bits: int) -> None:
+    bench = live()
+    bench.beat(2, w6=bits)
+    station = bench.station
+    seen = (station.suction.valve, station.suction.blow, station.lights[1], station.lights[2], *station.tower)
+    assert seen == tuple(bool(bits >> at & 1) for at in range(8))
+
+
+def test_reserved_registers_stay_0_and_the_heartbeat_moves_with_each_cycle() -> None:
+    bench = live()
+    for command in (BRING, RESET, STOP):
+        bench.command(command)
+        before = bench[100]
+        bench.beat()
+        assert bench[100] == before + 1
+        assert bench[101] == 0x0100
+        assert [bench[at] for at in range(120, 132)] == [0] * 12
+        assert bench[116] == 100
+
+
+# -- the file ------------------------------------------------------------------------------------------------------
+
+
+def test_a_program_with_other_terminals_is_refused_by_name(tmp_path: Path) -> None:
+    other = tmp_path / "other.st"
+    other.write_text(DELIVERED.read_text().replace("airInput AT %IX0.6", "airInput AT %IX0.7"))
+    with pytest.raises(ValueError, match=r"inputs are not those of the cell: %IX0\.6, %IX0\.7"):
+        Bench(source=other)
+
+
+def test_a_program_that_is_wrong_is_refused_with_its_file_and_place(tmp_path: Path) -> None:
+    other = tmp_path / "other.st"
+    other.write_text(DELIVERED.read_text().replace("enableOutput := enable;", "enableOutput := safety;"))
+    with pytest.raises(StError, match=rf"{re.escape(str(other))}:\d+:17: enableOutput is BOOL \(got WORD\)"):
+        Bench(source=other)
+
+
+@pytest.mark.parametrize("block", ON_WALL_TIME)
+def test_a_program_without_a_block_that_runs_on_wall_time_is_refused(block: str, tmp_path: Path) -> None:
+    other = tmp_path / "other.st"
+    other.write_text(re.sub(rf"\b{block}\b", f"{block}X", DELIVERED.read_text()))
+    with pytest.raises(ValueError, match=f"has no function block {block}"):
+        Bench(source=other)
+
+
+def test_a_scan_is_cheap(benchmark: Callable[..., None]) -> None:
+    bench = live()
+    benchmark(bench.program.scan, bench.station.now_s, bench.station.now_s)
+    assert benchmark.stats.stats.median < 0.0003  # type: ignore[attr-defined]

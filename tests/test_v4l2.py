@@ -1,0 +1,461 @@
+"""The V4L2 driver against the simulated camera: the right picture, whole, or the right error."""
+
+import asyncio
+import random
+import sys
+import threading
+import time
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from drivers import pixels
+from drivers.camera import Region, Setup, State, Trigger
+from drivers.errors import FrameLost, LinkLost, Mismatch, NoAnswer, Refused
+from drivers.v4l2 import V4l2Camera
+from drivers.v4l2_node import serial_number
+from simulators.v4l2.controls import AUTO_GAIN, EXPOSURE_ABSOLUTE, EXPOSURE_AUTO, GAIN, MANUAL
+from simulators.v4l2.fuse_mount import unmount
+from tests.v4l2_rig import FULL, SMALL, Rig, decode, fuse_is_missing, needs_fuse, rig
+
+FRONTS = ["file", "process"]
+
+
+def where(front: str, folder: Path) -> Path | None:
+    if front == "process":
+        return None
+    needs_fuse()
+    return folder / "video0"
+
+
+def driver_threads() -> list[str]:
+    return [thread.name for thread in threading.enumerate() if thread.name.startswith("camera 1")]
+
+
+async def until(true: Callable[[], bool], within_s: float = 2.0) -> None:
+    async with asyncio.timeout(within_s):
+        while not true():
+            await asyncio.sleep(0.005)
+
+
+@asynccontextmanager
+async def armed(trigger: Trigger, **options: object) -> AsyncIterator[tuple[Rig, V4l2Camera]]:
+    async with rig(**options) as r, r.open_camera() as camera:
+        await camera.arm(trigger)
+        yield r, camera
+
+
+# Pictures
+
+
+@pytest.mark.parametrize("front", FRONTS)
+async def test_five_megapixel_pictures_arrive_byte_for_byte_and_read_only(front: str, tmp_path: Path):
+    async with rig(FULL, speed=50, path=where(front, tmp_path)) as r, r.open_camera() as camera:
+        frames = []
+        for number in range(1, 4):
+            frames.append(await camera.grab())
+            assert r.scene.number_of(frames[-1].pixels) == number
+        assert not frames[0].pixels.flags.writeable
+        with pytest.raises(ValueError, match="read-only"):
+            frames[0].pixels[0, 0] = 1
+        assert np.array_equal(frames[0].pixels, r.scene.pictures[1])  # later pictures leave the first as it was
+        assert [frame.frame_id for frame in frames] == [0, 1, 2]
+        assert camera.counters.delivered == 3
+
+
+@pytest.mark.parametrize("front", FRONTS)
+async def test_a_camera_without_trigger_gives_the_first_picture_exposed_after_the_request(front: str, tmp_path: Path):
+    options = {"triggers": False, "rate_hz": 60.0, "path": where(front, tmp_path)}
+    async with rig(speed=1, **options) as r, r.open_camera() as camera:
+        for _ in range(5):
+            await asyncio.sleep(0.02)
+            asked_ns = time.monotonic_ns()
+            frame = await camera.grab()
+            assert frame.exposure_start_ns >= asked_ns - 1000  # stamps are in microseconds
+            assert r.scene.was_seen_in(frame)
+        assert camera.counters.stale >= 1
+
+
+async def test_a_time_stamp_of_the_pictures_end_is_counted_back_to_the_earliest_start_of_its_exposure():
+    options = {"triggers": False, "rate_hz": 60.0, "start_of_exposure": False}
+    async with rig(speed=1, **options) as r, r.open_camera() as camera:
+        await camera.configure(exposure_us=4000)
+        for _ in range(5):
+            before = len(r.scene.exposures)
+            frame = await camera.grab()
+            assert (r.scene.number_of(frame.pixels) or 0) > before
+            assert frame.device_ns - frame.exposure_start_ns >= 4_000_000
+
+
+FOURCCS = [
+    ("GREY", pixels.MONO8),
+    ("Y10 ", pixels.MONO10),
+    ("Y12 ", pixels.MONO12),
+    ("Y16 ", pixels.MONO16),
+    ("Y10P", pixels.RAW10P),
+    ("YUYV", pixels.YUYV),
+]
+
+
+@pytest.mark.parametrize(("fourcc", "pixel_format"), FOURCCS)
+@pytest.mark.parametrize("padding_bytes", [0, 24])
+async def test_every_format_arrives_as_the_grey_levels_that_the_sensor_saw(
+    fourcc: str, pixel_format: pixels.PixelFormat, padding_bytes: int
+):
+    async with rig(padding_bytes=padding_bytes) as r, r.open_camera(pixel_format=pixel_format) as camera:
+        frame = await camera.grab()
+        assert r.server.device.readout.format.fourcc == fourcc
+        assert r.scene.was_seen_in(frame)
+        assert frame.payload.size == pixel_format.bytes_for(*SMALL)
+        assert frame.pixel_format == pixel_format
+        assert np.array_equal(frame.deep() >> (pixel_format.bits - 8), frame.pixels)
+
+
+async def test_jpeg_pictures_are_decoded_and_a_broken_one_is_lost():
+    async with rig() as r, r.open_camera(decode=decode) as camera:
+        r.scene.pictures[:] = np.arange(SMALL[0], dtype=np.uint16).astype(np.uint8) // 4  # what JPEG hardly changes
+        frame = await camera.grab()
+        assert np.abs(frame.pixels.astype(int) - r.scene.pictures[0].astype(int)).max() <= 3
+        r.server.inject("wrong_size")
+        with pytest.raises(FrameLost, match="JPEG"):
+            await grab_strictly(r)
+
+
+async def grab_strictly(r: Rig) -> None:
+    """With the decoder of the cell."""
+    from cellctl.pictures.jpeg import luma
+
+    async with r.open_camera(decode=luma) as camera:
+        await camera.grab()
+
+
+async def test_a_region_is_read_from_its_place_on_the_sensor():
+    async with rig() as r, r.open_camera(region=Region(64, 32, 320, 200)) as camera:
+        frame = await camera.grab()
+        assert frame.pixels.shape == (200, 320)
+        assert np.array_equal(frame.pixels, r.scene.pictures[1][32:232, 64:384])
+
+
+# Settings
+
+
+async def test_exposure_and_gain_are_set_read_back_and_kept_for_the_next_opening():
+    async with rig() as r, r.open_camera(gain_db_per_step=0.1) as camera:
+        await camera.configure(exposure_us=2500, gain_db=6.0)
+        frame = await camera.grab()
+        assert (frame.exposure_us, frame.gain_db) == (2500, 6.0)
+        assert (r.scene.exposures[-1].exposure_us, r.scene.exposures[-1].gain_db) == (2500, pytest.approx(6.0))
+        r.server.device.controls.set((GAIN).to_bytes(4, "little") + bytes(4))
+        await camera.open()
+        assert (await camera.grab()).gain_db == pytest.approx(6.0)
+
+
+async def test_automatic_exposure_and_gain_are_turned_off():
+    async with rig() as r, r.open_camera() as camera:
+        await camera.configure(exposure_us=2000)
+        values = {number: r.server.device.controls.find(number).value for number in (EXPOSURE_AUTO, AUTO_GAIN)}
+        assert values == {EXPOSURE_AUTO: MANUAL, AUTO_GAIN: 0}
+
+
+async def test_an_exposure_that_the_camera_does_not_take_is_refused():
+    async with rig() as r, r.open_camera() as camera:
+        with pytest.raises(Refused, match="2050 us and 0 dB, it set 2000 us"):
+            await camera.configure(exposure_us=2050)
+        with pytest.raises(Refused, match="goes from 1 to 10000"):
+            await camera.configure(exposure_us=2_000_000)
+        r.server.inject("stuck_exposure")
+        with pytest.raises(Refused, match="it set 2000 us"):
+            await camera.configure(exposure_us=3000)
+        assert r.server.device.controls.find(EXPOSURE_ABSOLUTE).value == 20
+
+
+async def test_a_gain_in_db_is_refused_without_the_size_of_a_step():
+    async with rig() as r, r.open_camera() as camera:
+        with pytest.raises(Refused, match="gain_db_per_step"):
+            await camera.configure(exposure_us=2000, gain_db=3.0)
+
+
+async def test_pictures_that_may_have_the_old_exposure_are_not_given_after_a_change():
+    async with rig(speed=1, triggers=False, rate_hz=60.0) as r, r.open_camera() as camera:
+        for exposure_us in (1000.0, 5000.0, 2000.0):
+            await camera.configure(exposure_us=exposure_us)
+            frame = await camera.grab()
+            number = r.scene.number_of(frame.pixels)
+            assert number is not None
+            assert r.scene.exposures[number - 1].exposure_us == exposure_us == frame.exposure_us
+
+
+async def test_a_format_or_size_that_the_camera_does_not_have_is_refused_with_what_it_has():
+    async with rig(formats=("GREY", "YUYV")) as r:
+        for options, says in (
+            ({"pixel_format": pixels.MONO16}, "has no Y16 ; it has GREY, YUYV"),
+            ({"pixel_format": pixels.MONO12P}, "no format Mono12p"),
+            ({"region": Region(0, 0, 642, 480)}, "asked for 642 x 480 GREY, it set 640 x 480"),
+            ({"region": Region(2, 0, 320, 200)}, "it reads 320 x 200 px at 0, 0"),
+        ):
+            camera = r.camera(**options)
+            with pytest.raises(Refused, match=says):
+                await camera.open()
+            await camera.close()
+
+
+# Which camera
+
+
+async def test_another_serial_number_is_refused():
+    async with rig() as r:
+        camera = r.camera(serial="SN2")
+        with pytest.raises(Mismatch, match="serial number 'SN1', not 'SN2'"):
+            await camera.open()
+        await camera.close()
+
+
+@pytest.mark.parametrize(
+    ("bus", "serial"),
+    [
+        ("platform:3f801000.csi", "3f801000.csi"),
+        ("PCI:0000:05:00.0", "0000-05-00.0"),
+        ("usb-0000:00:14.0-1", "0000-00-14.0-1"),
+    ],
+)
+def test_a_camera_without_usb_serial_number_is_known_by_its_place(bus: str, serial: str):
+    assert serial_number("/dev/null", bus) == serial
+
+
+async def test_what_is_no_camera_is_refused_and_what_is_not_there_is_lost(tmp_path: Path):
+    setup = Setup("SN1", Region(0, 0, *SMALL))
+    with pytest.raises(Mismatch, match="no V4L2 camera"):
+        await V4l2Camera("camera 1", "/dev/null", setup).open()
+    with pytest.raises(LinkLost, match="No such file"):
+        await V4l2Camera("camera 1", str(tmp_path / "video9"), setup).open()
+
+
+@pytest.mark.parametrize("front", FRONTS)
+async def test_a_camera_that_another_program_uses_is_refused_until_that_lets_go(front: str, tmp_path: Path):
+    async with rig(path=where(front, tmp_path)) as r, r.open_camera() as first:
+        second = r.camera()
+        with pytest.raises(Refused, match="another program is using"):
+            await second.open()
+        await first.close()
+        await second.open()
+        assert r.scene.was_seen_in(await second.grab())
+        await second.close()
+
+
+# What goes wrong
+
+
+@pytest.mark.parametrize("fault", ["error_flag", "wrong_size"])
+async def test_a_damaged_picture_that_was_triggered_is_lost_and_the_next_is_good(fault: str):
+    async with rig() as r, r.open_camera() as camera:
+        r.server.inject(fault)
+        with pytest.raises(FrameLost, match="picture 0"):
+            await camera.grab()
+        assert r.scene.number_of((await camera.grab()).pixels) == 2
+        assert camera.counters.incomplete == 1
+
+
+@pytest.mark.parametrize("fault", ["error_flag", "wrong_size"])
+async def test_a_damaged_picture_of_free_run_is_passed_over(fault: str):
+    async with rig(speed=2, triggers=False) as r, r.open_camera() as camera:
+        r.server.inject(fault, count=2)
+        assert r.scene.was_seen_in(await camera.grab())
+
+
+async def test_a_stale_picture_is_never_delivered():
+    async with rig() as r, r.open_camera() as camera:
+        await camera.grab()
+        r.server.inject("stale")
+        assert r.scene.number_of((await camera.grab()).pixels) == 2
+        r.server.inject("stale", alone=True)
+        with pytest.raises(NoAnswer, match="2 stale"):
+            await camera.grab(within_s=0.3)
+        assert r.scene.number_of((await camera.grab()).pixels) == 4
+
+
+async def test_pictures_that_got_lost_are_counted():
+    async with armed(Trigger.FREE, speed=2, triggers=False) as (r, camera):
+        await camera.next_frame()
+        r.server.inject("drop", count=3)
+        await until(lambda: r.server.counts.dropped == 3)
+        gaps = 0
+        while not gaps:
+            frame = await camera.next_frame()
+            gaps = camera.counters.gaps
+        assert gaps == 3
+        assert r.scene.was_seen_in(frame)
+
+
+async def test_picture_numbers_that_do_not_go_up_are_no_gap():
+    async with rig() as r, r.open_camera() as camera:
+        await camera.grab()
+        r.server.inject("stuck_sequence")
+        frames = [await camera.grab() for _ in range(3)]
+        assert [frame.gap for frame in frames] == [0, 0, 0]
+        assert [r.scene.number_of(frame.pixels) for frame in frames][-1] == 4
+        assert camera.counters.gaps == 0
+
+
+async def test_a_trigger_without_effect_and_a_frozen_camera_give_no_answer_within_the_deadline():
+    async with rig() as r, r.open_camera() as camera:
+        for fault, params in (("ignore_trigger", {}), ("freeze", {"on": True})):
+            r.server.inject(fault, **params)
+            began_s = time.monotonic()
+            with pytest.raises(NoAnswer, match=r"no picture came in 0\.2 s"):
+                await camera.grab(within_s=0.2)
+            assert 0.15 < time.monotonic() - began_s < 0.6
+            r.server.inject("clear")
+        assert r.scene.was_seen_in(await camera.grab())
+
+
+@pytest.mark.parametrize("front", FRONTS)
+async def test_an_unplugged_camera_is_lost_at_once_and_is_there_again_after_a_new_opening(front: str, tmp_path: Path):
+    async with rig(path=where(front, tmp_path)) as r, r.open_camera() as camera:
+        await camera.grab()
+        asyncio.get_running_loop().call_later(0.1, r.server.inject, "unplug")
+        began_s = time.monotonic()
+        r.server.inject("ignore_trigger")
+        with pytest.raises(LinkLost):
+            await camera.grab(within_s=5.0)
+        assert time.monotonic() - began_s < 1.0
+        assert camera.state.state is State.FAULTED
+        with pytest.raises(LinkLost, match="open it again"):
+            await camera.grab()
+        with pytest.raises(LinkLost):
+            await camera.open()
+        r.server.inject("unplug", on=False)
+        await camera.open()
+        assert r.scene.was_seen_in(await camera.grab())
+
+
+@asynccontextmanager
+async def program(path: Path) -> AsyncIterator[asyncio.subprocess.Process]:
+    """`cellctl simulate camera --v4l2`, from when it is ready until the block is left."""
+    arguments = f"-m simulators camera --v4l2 {path} --serial SN1 --width 640 --height 480".split()
+    running = await asyncio.create_subprocess_exec(sys.executable, *arguments, stdout=asyncio.subprocess.PIPE)
+    try:
+        assert running.stdout is not None
+        while b"Ctrl-C" not in await asyncio.wait_for(running.stdout.readline(), 20):
+            pass
+        yield running
+    finally:
+        if running.returncode is None:
+            running.kill()
+        await running.wait()
+        unmount(path)  # what was killed cannot do it
+
+
+async def test_the_program_shows_a_plate_and_when_it_is_killed_the_camera_is_lost(tmp_path: Path):
+    needs_fuse()
+    path = tmp_path / "video0"
+    camera = V4l2Camera("camera 1", str(path), Setup("SN1", Region(0, 0, *SMALL)))
+    async with program(path) as running:
+        await camera.open()
+        try:
+            frame = await camera.grab()
+            assert frame.pixels.shape == (480, 640)
+            assert frame.pixels.std() > 10
+            running.kill()
+            await running.wait()
+            with pytest.raises(LinkLost):
+                await camera.grab()
+        finally:
+            await camera.close()
+
+
+# Line and free run
+
+
+async def test_pictures_by_the_line_come_in_order_and_too_many_of_them_are_counted():
+    async with armed(Trigger.LINE) as (r, camera):
+        for number in range(1, 7):
+            r.server.inject("pulse")
+            await until(lambda number=number: r.server.counts.delivered == number)
+            await asyncio.sleep(0.01)
+        seen = [r.scene.number_of((await camera.next_frame()).pixels) for _ in range(4)]
+        assert seen == [3, 4, 5, 6]
+        assert camera.counters.overrun == 2
+        with pytest.raises(NoAnswer):
+            await camera.next_frame(within_s=0.05)
+
+
+async def test_a_camera_without_trigger_refuses_to_be_armed_by_the_line():
+    async with rig(triggers=False) as r, r.open_camera() as camera:
+        with pytest.raises(Refused, match="no trigger by line"):
+            await camera.arm(Trigger.LINE)
+        assert camera.state.state is State.READY
+        await camera.arm(Trigger.SOFTWARE)
+        assert r.scene.was_seen_in(await camera.grab())
+
+
+async def test_free_run_gives_the_newest_picture_and_grab_is_refused_meanwhile():
+    async with armed(Trigger.FREE, speed=2) as (r, camera):
+        await until(lambda: r.server.counts.delivered >= 5)
+        frame = await camera.next_frame()
+        assert (r.scene.number_of(frame.pixels) or 0) >= 4
+        with pytest.raises(Refused, match="armed for free"):
+            await camera.grab()
+
+
+# Breaking off
+
+
+async def test_a_grab_that_is_broken_off_at_any_moment_leaves_the_camera_as_it_was():
+    chance = random.Random(1)
+    async with rig(speed=5) as r, r.open_camera() as camera:
+        for _ in range(30):
+            task = asyncio.create_task(camera.grab())
+            await asyncio.sleep(chance.uniform(0, 0.012))
+            task.cancel()
+            await asyncio.wait([task])
+        number = len(r.scene.exposures)
+        frame = await camera.grab()
+        assert (r.scene.number_of(frame.pixels) or 0) > number - 1
+        assert sorted(b.idle for b in r.server.device.buffers._all) == [False] * 8  # the camera has all buffers again
+
+
+async def test_closing_ends_the_thread_and_may_be_done_twice():
+    async with rig() as r:
+        camera = r.camera()
+        await camera.open()
+        assert driver_threads()
+        await camera.close()
+        await camera.close()
+        await until(lambda: not driver_threads())
+        with pytest.raises(LinkLost, match="is not open"):
+            await camera.grab()
+
+
+async def test_exposed_is_told_before_the_picture_is_there_when_the_camera_has_a_trigger():
+    async with rig(FULL, speed=1) as r, r.open_camera() as camera:
+        await camera.configure(exposure_us=2000)
+        exposed, began_s = asyncio.Event(), time.monotonic()
+        grab = asyncio.create_task(camera.grab(exposed=exposed))
+        await exposed.wait()
+        assert time.monotonic() - began_s >= 0.004
+        assert not grab.done()
+        await grab
+        assert r.scene.exposures[-1].exposure_us == 2000
+
+
+async def test_states_and_health_tell_how_the_camera_is():
+    async with rig() as r:
+        camera = r.camera()
+        assert not (await camera.health()).answers
+        await camera.open()
+        await camera.grab()
+        health = await camera.health()
+        assert (health.state, health.answers) == (State.ARMED, True)
+        assert health.last_picture_s is not None
+        assert health.last_picture_s < 5
+        await camera.disarm()
+        assert camera.state.state is State.READY
+        await camera.close()
+        assert camera.state.state is State.OFFLINE
+
+
+def test_fuse_is_tested_here_or_it_is_said_why_not():
+    assert fuse_is_missing() == "" or "fuse" in fuse_is_missing()

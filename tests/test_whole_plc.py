@@ -1,0 +1,136 @@
+"""A whole cell whose PLC, or the wire to it, goes wrong; judged by the world, the wire and the records."""
+
+import asyncio
+import contextlib
+import time
+from collections.abc import AsyncIterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from cellctl.daemon import build_devices
+from cellctl.machine import State
+from drivers.plc_registers import Command
+from tests.fault_proxy import FaultProxy, Passed, proxied
+from tests.plc_wire import written
+from tests.whole_cell import Bench, running, simulated
+from tests.wire_trouble import Trouble, modbus_frames
+
+SLOW = 5.0  # so that a quarter of a second is about one move of the arm
+SEEN_WITHIN_S, HALT_S = 0.5, 0.3
+
+
+@contextlib.asynccontextmanager
+async def wired_cell(folder: Path, learnt: Path, **options: Any) -> AsyncIterator[tuple[Bench, FaultProxy]]:
+    """A running cell whose wire to the PLC goes through a proxy."""
+    async with simulated(folder, learnt=learnt, **options) as bench:
+        plc = bench.config.plc
+        async with proxied(plc.port, host=plc.host, messages=modbus_frames) as proxy:
+            wired = plc.model_copy(update={"port": proxy.port, "stale_after_ms": 250})  # as on a line
+            bench.devices = build_devices(bench.config.model_copy(update={"plc": wired}))
+            async with running(bench):
+                yield bench, proxy
+
+
+def travelling(bench: Bench) -> bool:
+    """The arm moves with a battery that has left the table."""
+    world = bench.world
+    now_s = world.clock.now()
+    return world.held is not None and world.arm.moving_at(now_s) and world.arm.tool_at(now_s).z_mm < 61.0
+
+
+async def stopped_within(bench: Bench, within_s: float) -> None:
+    """The cell aborts so soon, and from then on the arm stands and keeps what it holds."""
+    began_s = time.monotonic()
+    await bench.when(lambda: bench.cell.state in {State.ABORTING, State.ABORTED})
+    assert time.monotonic() - began_s < within_s
+    await bench.when(lambda: not bench.world.arm.moving_at(bench.world.clock.now()))
+    assert time.monotonic() - began_s < within_s + HALT_S
+    before = bench.world.tool()
+    await bench.until(State.ABORTING, State.ABORTED)
+    await asyncio.sleep(0.1)
+    assert bench.world.tool() == before
+    assert bench.world.held is not None
+
+
+def commands_sent(proxy: FaultProxy, since_s: float) -> set[int]:
+    """Commands that were on the wire to the PLC since then."""
+    sent = [written(p.message) for p in proxy.record if p.direction == "up" and p.at_s > since_s]
+    return {w.command for w in sent if w is not None and w.command}
+
+
+@pytest.mark.parametrize("how", ["cable out", "reset"])
+async def test_a_lost_plc_stops_the_arm_and_its_unit_is_the_only_one_lost(
+    how: str, learnt: Path, tmp_path: Path
+) -> None:
+    async with wired_cell(tmp_path, learnt, speed=SLOW) as (bench, proxy):
+        await bench.ready()
+        await bench.start(1)
+        await bench.when(lambda: travelling(bench))
+        if how == "cable out":
+            proxy.unplug()
+        else:
+            proxy.refuse()
+            proxy.reset()
+        await stopped_within(bench, SEEN_WITHIN_S)
+        assert bench.cell.message.startswith("[D2] plc: " if how == "cable out" else "[D1] plc: ")
+        await bench.when(lambda: not bench.world.robot_enable)  # by the PLC, which hears nothing of us
+        seen_s = time.monotonic()
+        if how == "reset":
+            await proxy.start()
+        proxy.plug_in()
+        await bench.until(State.ABORTED)
+        await asyncio.sleep(0.3)
+        assert commands_sent(proxy, seen_s) == set()
+
+        (placed,) = await bench.produce(1)
+        (lost, _) = bench.records(2)
+        assert (lost["verdict"], placed["verdict"]) == ("lost", "placed")
+        assert [verdict.released_good for verdict in bench.world.verdicts] == [False, True]
+
+
+async def test_a_plc_that_restarts_in_the_middle_of_a_unit_is_reconciled(learnt: Path, tmp_path: Path) -> None:
+    async with wired_cell(tmp_path, learnt, speed=SLOW) as (bench, _):
+        await bench.ready()
+        await bench.start(1)
+        await bench.when(lambda: travelling(bench))
+        bench.world.inject("plc", "reboot")
+        await stopped_within(bench, SEEN_WITHIN_S)
+        assert "PLC restarted (boot counter" in bench.cell.message
+        (placed,) = await bench.produce(1)
+        (lost, _) = bench.records(2)
+        assert (lost["verdict"], placed["verdict"]) == ("lost", "placed")
+        assert [verdict.released_good for verdict in bench.world.verdicts] == [False, True]
+
+
+async def test_a_release_whose_answer_is_lost_makes_no_unit_twice_and_loses_none(learnt: Path, tmp_path: Path) -> None:
+    async with wired_cell(tmp_path, learnt) as (bench, proxy):
+
+        def lose_the_answer(passed: Passed) -> None:
+            sent = written(passed.message) if passed.direction == "up" else None
+            if sent is not None and sent.command == Command.RELEASE_GOOD and not proxy.counts["down lose"]:
+                proxy.down = Trouble(lose=1, count=1)
+
+        await bench.ready()
+        proxy.listener = lose_the_answer
+        await bench.start(2)
+        await bench.when(lambda: bench.cell.state in {State.ABORTED, State.COMPLETE})
+        if bench.cell.state is State.ABORTED:
+            await bench.produce(1)
+
+        assert proxy.counts["down lose"] == 1
+        records = bench.records(5)
+        assert [record["verdict"] for record in records] == ["placed", "placed"]
+        assert [verdict.released_good for verdict in bench.world.verdicts] == [True, True]
+
+
+async def test_a_wire_that_jitters_below_the_bound_only_costs_time(learnt: Path, tmp_path: Path) -> None:
+    async with wired_cell(tmp_path, learnt) as (bench, proxy):
+        proxy.down = Trouble(jitter_s=0.08, split_bytes=20)
+        proxy.up = Trouble(jitter_s=0.03)
+        records = await bench.produce(2)
+
+        assert [record["verdict"] for record in records] == ["placed", "placed"]
+        assert all(verdict.fit is not None and verdict.fit.good for verdict in bench.world.verdicts)
+        assert proxy.counts["connections"] == 1
