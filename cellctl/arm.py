@@ -31,4 +31,5 @@ def limits_of(robot: RobotConfig) -> Limits:
         z_max_mm=robot.z_max_mm,
         r_min_deg=robot.r_min_deg,
         r_max_deg=robot.r_max_deg,
+        pulses=robot.pulses.limits if robot.pulses else None,
     )

@@ -22,7 +22,7 @@ def build_camera(name: str, camera: CameraConfig) -> Camera:
     if camera.driver == "files":
         bits = FULL_BITS if setup.pixel_format == MONO8 else setup.pixel_format.bits
         return FileCamera(name, camera.folder, setup, Files(_found, partial(_read, bits=bits)))
-    return GigeCamera(name, camera.address, setup)
+    return GigeCamera(name, camera.address, setup, packet_delay_us=camera.packet_delay_us)
 
 
 def _found(folder: Path) -> list[Path]:

@@ -274,9 +274,11 @@ class Cell:
 
     async def _abort(self) -> None:
         """Stop everything: cancelled moves halt the arm; vacuum is kept, what hangs on the cup must not fall."""
-        await self._cancel_work()
+        if self._task is not None:
+            self._task.cancel()
         with contextlib.suppress(DeviceError):
-            await self.devices.robot.halt()
+            await self.devices.robot.halt()  # at once: a cancelled move waits until the arm stands
+        await self._cancel_work()
         with contextlib.suppress(DeviceError):
             await self.devices.plc.stop_conveyor(within_s=COMMAND_WITHIN_S)
         await self._raise_doubt()

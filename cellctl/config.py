@@ -13,6 +13,7 @@ from pydantic import AfterValidator, Field
 from cellctl.config_arm import ArmSpeeds
 from cellctl.config_camera import CameraConfig, RobotCameraConfig
 from cellctl.config_plc import PlcConfig
+from cellctl.config_pulses import PulseConfig
 from cellctl.config_values import FilePath, Serial, ipv4
 from cellctl.geometry import Mm
 from cellctl.keep_out import Area
@@ -39,6 +40,13 @@ def _fits_a_socket(path: Path) -> Path:
 PlaneMm = Annotated[float, Field(ge=-1500, le=1500)]
 HeightMm = Annotated[float, Field(ge=0, le=400)]
 TurnDeg = Annotated[float, Field(ge=-180, le=180)]
+
+
+def _output(number: int) -> int:
+    port, bit = divmod(number, 10)
+    if not (2 <= port <= 27 and bit <= 7):
+        raise ValueError("must be an output as the pendant names it: 20 to 27, 30 to 37, ... 270 to 277")
+    return number
 
 
 class Paths(Settings):
@@ -83,6 +91,9 @@ class RobotConfig(Settings):
         default=None, ge=0, le=20, description="What the arm carries, told to the controller; as it is set without"
     )
     serial: Serial = Field(description="Serial number of the robot, as on its label; another arm is calibrated anew")
+    vacuum_output: Annotated[int, AfterValidator(_output)] | None = Field(
+        default=None, description="Vacuum valve on this output of the robot (20 is DO20) instead of the PLC's"
+    )
     hand: Literal["righty", "lefty"] = Field(description="Hand system that the cell works in")
     arm_1_mm: float = Field(ge=50, le=1000, description="Length of the first arm in mm")
     arm_2_mm: float = Field(ge=50, le=1000, description="Length of the second arm in mm")
@@ -95,6 +106,7 @@ class RobotConfig(Settings):
     repeatability_mm: float = Field(gt=0, le=1, description="Repeatability in X and Y, 3 sigma, in mm")
     repeatability_deg: float = Field(gt=0, le=1, description="Repeatability in R, 3 sigma, in degrees")
     keep_out: list[KeepOut] = Field(default_factory=list, description="Areas where the robot must not calibrate")
+    pulses: PulseConfig | None = Field(default=None, description="The controller's pulses, when they are known")
     speeds: ArmSpeeds = Field(default=ArmSpeeds(), description="How quick the arm is, for predicting times")
 
     def contradictions(self) -> Iterator[Contradiction]:

@@ -52,6 +52,9 @@ class CameraConfig(Settings):
     pixel_format: Annotated[str, AfterValidator(_pixel_format)] = Field(
         default=MONO8.name, description="What the camera sends; deeper formats are brought to 8 bit over their range"
     )
+    packet_delay_us: float = Field(
+        default=0.0, ge=0, le=1000, description="A GigE camera waits so long after each packet, for another on its wire"
+    )
     gain_db_per_step: float | None = Field(
         default=None, gt=0, le=10, description="One step of a V4L2 camera's gain in dB, from its data sheet"
     )
@@ -70,23 +73,28 @@ class CameraConfig(Settings):
         return Path(self.address.removeprefix(FOLDER))
 
     def contradictions(self) -> Iterator[Contradiction]:
-        """The address is one that the driver takes."""
+        """The address is one that the driver takes, and no key is of another driver."""
+        yield from self._address_objections()
+        if self.driver != "v4l2":
+            if self.pixel_format == JPEG:
+                yield "pixel_format", f"{JPEG} is for the driver v4l2"
+            if self.gain_db_per_step is not None:
+                yield "gain_db_per_step", "is for the driver v4l2: other cameras tell their gain in dB"
+        if self.driver != "gige" and self.packet_delay_us:
+            yield "packet_delay_us", "is for the driver gige"
+
+    def _address_objections(self) -> Iterator[Contradiction]:
         if self.driver == "v4l2":
             if not Path(self.address).is_absolute() or "\0" in self.address:
                 yield "address", "must be a device node such as /dev/video0 for the driver v4l2"
-            return
-        if self.pixel_format == JPEG:
-            yield "pixel_format", f"{JPEG} is for the driver v4l2"
-        if self.gain_db_per_step is not None:
-            yield "gain_db_per_step", "is for the driver v4l2: other cameras tell their gain in dB"
-        if self.driver == "files":
+        elif self.driver == "files":
             if len(self.address) <= len(FOLDER) or not self.address.startswith(FOLDER):
                 yield "address", f"must be {FOLDER}FOLDER, a folder of PNG or TIFF pictures, for the driver files"
-            return
-        try:
-            ipv4(self.address)
-        except ValueError as error:
-            yield "address", str(error)
+        else:
+            try:
+                ipv4(self.address)
+            except ValueError as error:
+                yield "address", str(error)
 
 
 class RobotCameraConfig(CameraConfig):

@@ -27,13 +27,14 @@ from cellctl.lines import FILE_NAME as LOG_NAME
 from cellctl.log import configure, log
 from cellctl.pictures.writer import Pictures
 from drivers.plc import Plc
+from drivers.robot_ports import Valve
 
 SWITCH_S = 0.0005  # a vision thread gives the interpreter back to the loop within this time (Python: 5 ms)
 
 
 def build_devices(config: CellConfig) -> Devices:
     """The drivers of this cell; nothing is connected yet."""
-    plc = config.plc
+    plc, robot, valve = config.plc, build_robot(config.robot), config.robot.vacuum_output
     return Devices(
         plc=Plc(
             plc.host,
@@ -44,9 +45,10 @@ def build_devices(config: CellConfig) -> Devices:
             exchange=plc.exchange,
             layout=plc.address.layout,
         ),
-        robot=build_robot(config.robot),
+        robot=robot,
         camera_1=build_camera("camera 1", config.camera_1),
         camera_2=build_camera("camera 2", config.camera_2),
+        valve=None if valve is None else Valve(robot.ports, valve),
     )
 
 

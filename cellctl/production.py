@@ -50,9 +50,15 @@ class Production:
             try:
                 await self._assemble(unit, steps, began_s)
             finally:
-                if unit.id and not unit.recorded:  # aborted, or a software error: the unit still gets its one record
-                    await asyncio.shield(self._record(unit, Verdict.LOST, INTERRUPTED, steps, began_s))
+                await self._ensure_record(unit, steps, began_s)
         await self._job.hand.devices.plc.release(unit.carrier_id, good=unit.good, within_s=COMMAND_WITHIN_S)
+
+    async def _ensure_record(self, unit: Unit, steps: list[StepTime], began_s: float) -> None:
+        """Aborted, or a software error: the unit still gets its one record; one that is being written is waited for."""
+        if unit.recording is not None:
+            await asyncio.shield(unit.recording)
+        elif unit.id:
+            await self._record(unit, Verdict.LOST, INTERRUPTED, steps, began_s)
 
     async def _assemble(self, unit: Unit, steps: list[StepTime], began_s: float) -> None:
         within_s = self._job.recipe.timing.unit_within_s
@@ -116,8 +122,11 @@ class Production:
                 "light": self._job.light.record(),
             },
         )
+        unit.recording = asyncio.create_task(self._write(unit, record))
+        await asyncio.shield(unit.recording)  # once begun it ends, whatever aborts the cell meanwhile
+
+    async def _write(self, unit: Unit, record: Record) -> None:
         await self._job.journal.finish_unit(unit.id, record)
-        unit.recorded = True
         self._count(unit, record)
 
     def _count(self, unit: Unit, record: Record) -> None:

@@ -60,6 +60,7 @@ install_program() {
     for part in pyproject.toml README.md cellctl drivers simulators; do
         cp -R "$checkout/$part" "$copy/"
     done
+    mkdir "$copy/deploy" && cp -R "$here/plc" "$copy/deploy/"
     "$venv/bin/python" -m pip install --quiet --no-deps --force-reinstall "$copy"
 }
 

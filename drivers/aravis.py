@@ -178,6 +178,11 @@ class Device:
         """Bytes in a stream packet, with all headers."""
         return int(self._lib.packet_size(self._camera))
 
+    def set_packet_delay(self, delay_us: float) -> float:
+        """Let the camera wait after each packet; returns the time that it then waits."""
+        self._lib.set_packet_delay_ns(self._camera, round(delay_us * 1000))
+        return int(self._lib.packet_delay_ns(self._camera)) / 1000
+
     def stream(self, socket_buffer_bytes: int | None = None) -> "Stream":
         """Negotiate the packet size and open the stream: standard socket, and its buffer as large as may be."""
         self._lib.stream_options(self._camera, PACKET_SOCKET_DISABLED)

@@ -70,6 +70,8 @@ class Library:
         self.start = self._checked("camera_start_acquisition", None, p)
         self.stop = self._checked("camera_stop_acquisition", None, p)
         self.packet_size = self._checked("camera_gv_get_packet_size", u, p)
+        self.packet_delay_ns = self._checked("camera_gv_get_packet_delay", c_int64, p)
+        self.set_packet_delay_ns = self._checked("camera_gv_set_packet_delay", None, p, c_int64)
         self.create_stream = self._checked("camera_create_stream", p, p, p, p)
         self.adjust_packet_size = self._plain("camera_gv_set_packet_size_adjustment", None, p, i)
         self.stream_options = self._plain("camera_gv_set_stream_options", None, p, i)

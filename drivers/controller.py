@@ -29,7 +29,7 @@ class Controller:
         self.talk = Conversation(address, dialect, device=device)
         self.turn = asyncio.Lock()
         self.position: Position | None = None
-        self._position_at_s = self._status_at_s = 0.0
+        self._position_at_s = self._status_at_s = -FRESH_S
         self._status: RobotStatus | None = None
 
     def forget(self) -> None:
@@ -38,8 +38,9 @@ class Controller:
         self.doubt()
 
     def doubt(self) -> None:
-        """Something has happened: its state is asked again before the next motion."""
+        """Something has happened: state and place are asked again before the next motion."""
         self._status = None
+        self._position_at_s = -FRESH_S
 
     async def value(self, what: str, parse: Callable[[str], T | None], *, within_s: float = ANSWER_S) -> T:
         """Ask; raises Refused, NoAnswer, LinkLost, Garbled."""
@@ -101,7 +102,7 @@ class Controller:
     @property
     def position_is_fresh(self) -> bool:
         """Whether the arm's place was read a moment ago."""
-        return self.position is not None and _now_s() - self._position_at_s <= FRESH_S
+        return self.position is not None and _now_s() - self._position_at_s < FRESH_S
 
     async def fetch(self, name: str) -> list[str]:
         """READ a file; raises as `value`."""

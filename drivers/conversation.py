@@ -17,6 +17,7 @@ from drivers.rcx_dialect import Dialect
 ANSWER_S = 1.0
 STOP_S = 2.0
 STOP_AGAIN_S = 0.05
+BUSY_PAUSES_S = (0.05, 0.1, 0.2, None)
 SILENCE_S = 0.1
 MOST_SILENCES = 20
 LATE_S = 0.01  # what has arrived while this process was busy is not late
@@ -168,26 +169,37 @@ class Conversation:
     # -- operations --------------------------------------------------------------------------------------
 
     async def operate(self, line: str, *, within_s: float) -> None:
-        """Send an operation and wait at most `within_s` seconds for its end.
+        """Send an operation and wait at most `within_s` seconds for its end. A busy one is asked three times more.
 
         One at a time. Cancelled or late, it stops the operation and waits (at most 2 s) until that is reported.
         Raises Refused, NoAnswer, LinkLost, Garbled.
         """
-        operation = self._operation = Operation(line)
-        try:
-            if self._grammar.answers_in_motion:
-                async with self._asking:
-                    await self._begin(operation)
-                await self._wait(operation.finished, within_s, f"no END after {line}", poison=False)
-            else:
-                async with self._asking:
-                    self._send(line)
-                    await self._wait(operation.finished, within_s, f"no OK after {line}", poison=False)
-        except (asyncio.CancelledError, NoAnswer) as error:
-            await uncancelled(self._abort(operation, trusted=not isinstance(error, NoAnswer)))
-            raise
-        finally:
-            self._operation = None
+        for pause_s in BUSY_PAUSES_S:
+            operation = self._operation = Operation(line)
+            try:
+                await self._operate(operation, within_s)
+                return
+            except Refused as refused:
+                if pause_s is None or operation.began or not self._dialect.is_busy(refused.code):
+                    raise
+            except (asyncio.CancelledError, NoAnswer) as error:
+                await uncancelled(self._abort(operation, trusted=not isinstance(error, NoAnswer)))
+                raise
+            finally:
+                self._operation = None
+            await asyncio.sleep(pause_s)
+
+    async def _operate(self, operation: Operation, within_s: float) -> None:
+        line = operation.line
+        if self._grammar.answers_in_motion:
+            async with self._asking:
+                self._send(line)
+                await self._wait(operation.accepted, ANSWER_S, f"no RUN after {line}", poison=False)
+            await self._wait(operation.finished, within_s, f"no END after {line}", poison=False)
+        else:
+            async with self._asking:
+                self._send(line)
+                await self._wait(operation.finished, within_s, f"no OK after {line}", poison=False)
 
     def stop(self) -> None:
         """Stop the running operation now, out of turn; its own wait sees the end. Raises LinkLost."""
@@ -213,10 +225,6 @@ class Conversation:
     def _send(self, line: str) -> None:
         self._sent = line
         self._link.send(line)
-
-    async def _begin(self, operation: Operation) -> None:
-        self._send(operation.line)
-        await self._wait(operation.accepted, ANSWER_S, f"no RUN after {operation.line}", poison=False)
 
     async def _wait(
         self, outcome: asyncio.Future[None], within_s: float, complaint: str, *, poison: bool = True

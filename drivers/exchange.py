@@ -98,6 +98,11 @@ class Operation:
         self.accepted = outcome()
         self.finished = outcome()
 
+    @property
+    def began(self) -> bool:
+        """Whether it was accepted, whatever happened then."""
+        return self.accepted.done() and self.accepted.exception() is None
+
     def take(self, kind: Kind, *, run_before_end: bool) -> None:
         """A line that may belong to it."""
         if kind is Kind.RUN:

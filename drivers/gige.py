@@ -36,12 +36,20 @@ class GigeCamera:
     """One camera; see `drivers.camera.Camera` for the contract of its verbs. They take turns.
 
     `address` is the camera's IP address. `socket_buffer_bytes` limits the receive buffer; without it, it is as large
-    as the system permits (`rmem_max`).
+    as the system permits (`rmem_max`). `packet_delay_us` is how long the camera waits after each packet.
     """
 
-    def __init__(self, name: str, address: str, setup: Setup, *, socket_buffer_bytes: int | None = None) -> None:
+    def __init__(
+        self,
+        name: str,
+        address: str,
+        setup: Setup,
+        *,
+        socket_buffer_bytes: int | None = None,
+        packet_delay_us: float = 0.0,
+    ) -> None:
         self._name = name
-        self._wanted = Wanted(name, address, setup, socket_buffer_bytes)
+        self._wanted = Wanted(name, address, setup, socket_buffer_bytes, packet_delay_us)
         self._connection: Connection | None = None
         self._parting: set[asyncio.Future[None]] = set()  # ends of earlier connections that are under way
         self._turn = asyncio.Lock()

@@ -12,7 +12,7 @@ from drivers.camera import Counters, Frame, Trigger
 from drivers.errors import LinkLost, Mismatch, Refused
 from drivers.gige_inbox import Inbox, Reading, Shot
 from drivers.gige_receiver import Received, Receiver
-from drivers.gige_setup import Wanted, check_serial, set_format, set_trigger, take_control
+from drivers.gige_setup import Wanted, check_serial, set_format, set_packet_delay, set_trigger, take_control
 from drivers.worker import Worker, post
 
 EXPOSED_MARGIN_S = 0.002  # a camera begins to expose within this time of acknowledging a trigger
@@ -65,6 +65,7 @@ class Connection:
         check_serial(device, wanted)
         take_control(device, self._stop)
         set_format(device, wanted)
+        set_packet_delay(device, wanted)
         self._tick_rate = device.tick_rate()
         if not self._tick_rate:
             raise Mismatch(wanted.name, "the camera has no clock that can be read, so stale pictures would pass")

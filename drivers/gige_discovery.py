@@ -48,7 +48,7 @@ async def discover(*, within_s: float = 0.5, addresses: Sequence[str] = ()) -> l
 
     with ExitStack() as ears:
         cards: list[tuple[Nic | None, Sequence[str]]] = [(nic, (EVERYBODY,)) for nic in _one_per_card()]
-        asked = [(await _ear(ears, note(nic), nic), targets) for nic, targets in [*cards, (None, addresses)]]
+        asked = [(await listen(ears, note(nic), nic), targets) for nic, targets in [*cards, (None, addresses)]]
         await _ask([(ear, targets) for ear, targets in asked if ear is not None], number, within_s)
     return sorted(found.values(), key=lambda sighting: sighting.camera.address)
 
@@ -57,7 +57,7 @@ def _one_per_card() -> list[Nic]:
     return list({nic.name: nic for nic in reversed(nics())}.values())
 
 
-async def _ear(ears: ExitStack, heard: Callable[[bytes], None], nic: Nic | None) -> asyncio.DatagramTransport | None:
+async def listen(ears: ExitStack, heard: Callable[[bytes], None], nic: Nic | None) -> asyncio.DatagramTransport | None:
     """A socket on one card; not bound to the card's address, or it would not hear an answer by broadcast.
 
     On loopback it is: there the kernel would take the address of another card for the sender's.

@@ -15,6 +15,7 @@ from drivers.errors import Mismatch, Refused
 
 CONTROL_RETRY_S = 0.1
 HEARTBEAT_MARGIN_S = 0.5
+DELAY_TOLERANCE_US = 1.0
 SOFTWARE_SOURCE = "Software"
 # Present on some cameras only. First what changes the size of a picture, then what changes its content.
 PLAIN: tuple[tuple[str, Value], ...] = (
@@ -39,6 +40,7 @@ class Wanted:
     address: str
     setup: Setup
     socket_buffer_bytes: int | None = None
+    packet_delay_us: float = 0.0
     exposure: tuple[float, float] | None = None  # us and dB; None: as the camera has it
 
     @property
@@ -84,6 +86,14 @@ def set_format(device: Device, wanted: Wanted) -> None:
     if payload != needed:
         detail = f"a picture has {payload} bytes, not the {needed} of {region} {setup.pixel_format.name}"
         raise Mismatch(wanted.name, detail)
+
+
+def set_packet_delay(device: Device, wanted: Wanted) -> None:
+    """Room for another camera on the same wire. Raises Refused, AravisError."""
+    got_us = device.set_packet_delay(wanted.packet_delay_us)
+    if abs(got_us - wanted.packet_delay_us) > DELAY_TOLERANCE_US:
+        detail = f"asked for {wanted.packet_delay_us:g} us between packets, it set {got_us:g} us"
+        raise Refused(wanted.name, "read-back", detail)
 
 
 def _set_pixel_format(device: Device, wanted: Wanted) -> None:

@@ -11,6 +11,7 @@ from typing import NamedTuple
 PORT = 3956
 KEY, ACK_WANTED, ACK_BY_BROADCAST = 0x42, 0x01, 0x10
 DISCOVERY, DISCOVERY_ACK = 0x0002, 0x0003
+FORCE_IP, FORCE_IP_ACK = 0x0004, 0x0005
 ACK_HEADER = struct.Struct(">HHHH")  # status, command, length, request number
 ANSWER_BYTES = 248
 MAC_AT, ADDRESS_AT, MASK_AT = 10, 36, 52
@@ -38,6 +39,18 @@ class Found(NamedTuple):
 def question(number: int) -> bytes:
     """Who is there? The answer may come by broadcast, so that a camera with a foreign address can be heard."""
     return struct.pack(">BBHHH", KEY, ACK_WANTED | ACK_BY_BROADCAST, DISCOVERY, 0, number)
+
+
+def force_ip(number: int, mac: str, interface: IPv4Interface) -> bytes:
+    """The camera with this MAC address is to have this address and network mask until it is switched off."""
+    body = struct.pack(
+        ">2x6s12x4s12x4s12x4s",
+        bytes.fromhex(mac.replace(":", "")),
+        interface.ip.packed,
+        interface.netmask.packed,
+        UNSET.packed,  # no gateway
+    )
+    return struct.pack(">BBHHH", KEY, ACK_WANTED, FORCE_IP, len(body), number) + body
 
 
 def answer(datagram: bytes, number: int) -> Found | None:

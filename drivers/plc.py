@@ -139,6 +139,11 @@ class Plc:
             await self._scan.carry()
             await self._scan.until(lambda image: image.vacuum_reached == on)
 
+    async def vacuum_seen(self, on: bool, *, within_s: float) -> None:
+        """Wait until the vacuum switch agrees with a valve that is not the PLC's."""
+        async with self._scan.within(within_s, lambda: self._vacuum_text(on)):
+            await self._scan.until(lambda image: image.vacuum_reached == on)
+
     async def blow_off(self, on: bool) -> None:
         """Switch the blow-off valve; returns after the exchange that carried it."""
         await self._switch(Output.BLOW_OFF, on)
@@ -151,7 +156,7 @@ class Plc:
         self, *, machine_state: int, good: int, rejected: int, red: bool, amber: bool, green: bool, buzzer: bool
     ) -> None:
         """Machine state, counts and signal tower; goes out with the next exchange."""
-        self._scan.shown = CellWords(machine_state=machine_state, good=good, rejected=rejected)
+        self._scan.shown = Shown(machine_state & 0xFFFF, good & 0xFFFF, rejected & 0xFFFF)
         lamps = ((Output.RED, red), (Output.AMBER, amber), (Output.GREEN, green), (Output.BUZZER, buzzer))
         for lamp, on in lamps:
             self._put(lamp, on)

@@ -15,12 +15,15 @@ class Ages:
 
     def take(self, words: Sequence[int], at_s: float) -> None:
         """The block as it was asked for at that time."""
-        if self._known:
-            for at, changed in enumerate(map(ne, words, self.words)):
+        before = self.words
+        if not self._known:
+            self.changed_at_s = [at_s] * len(words)
+        elif words[1:] != before[1:]:
+            for at, changed in enumerate(map(ne, words, before)):
                 if changed:
                     self.changed_at_s[at] = at_s
-        else:
-            self.changed_at_s = [at_s] * len(words)
+        elif words[0] != before[0]:  # the heartbeat alone, most of the time
+            self.changed_at_s[0] = at_s
         self.words, self.read_at_s, self._known = words, at_s, True
 
     def forget(self) -> None:

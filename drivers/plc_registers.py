@@ -62,6 +62,7 @@ class Safety(IntFlag):
     ROBOT_ENABLE = 8
 
 
+ALL_SAFE = int(Safety.ESTOP_HEALTHY | Safety.GUARD_CLOSED | Safety.AIR_OK | Safety.ROBOT_ENABLE)
 SAFETY_NAMES = {
     Safety.ESTOP_HEALTHY: "emergency stop circuit",
     Safety.GUARD_CLOSED: "guard",
@@ -174,6 +175,9 @@ class CellWords(NamedTuple):
 
 def why_unsafe(image: PlcImage) -> str:
     """A sentence with registers and values when safety is lost or was; empty when all is well."""
+    words = image.words
+    if words[4] & 0xF == ALL_SAFE and not words[6] & 0xF and words[3] < PlcState.FAULT:
+        return ""  # nearly always, and asked for after every exchange
     down = [
         name
         for name, healthy in (

@@ -215,17 +215,18 @@ class PlcScan:
             return None
         self._heartbeat = (self._heartbeat + 1) & 0xFFFF
         sequence, command, argument = self._orders.shown(image, self._picture.ours(image))
+        shown = self.shown
         words = [
             self._heartbeat,
             self._session,
-            self.shown.machine_state & 0xFFFF,
+            shown.machine_state,
             sequence,
             command,
             argument,
             self.outputs,
             self.taken,
-            self.shown.good & 0xFFFF,
-            self.shown.rejected & 0xFFFF,
+            shown.good,
+            shown.rejected,
             *RESERVED,
         ]
         self._written.take(words, time.monotonic())

@@ -8,6 +8,8 @@ from typing import ClassVar, NamedTuple
 from drivers.rcx import LONGEST_COMMAND, Code, Motion, RobotStatus, command
 from drivers.rcx_codes import meaning
 
+BUSY = ("0.5", "0.8")  # busy, try again
+
 
 class Grammar(NamedTuple):
     """How lines answer each other."""
@@ -47,6 +49,10 @@ class Dialect(ABC):
     def meaning(self, code: Code) -> str:
         """A readable phrase, also for a code that is not in the table."""
         return meaning(self.codes, *code)
+
+    def is_busy(self, code: str) -> bool:
+        """Whether the same command may be accepted a moment later."""
+        return code in BUSY
 
     def number(self, value: float) -> str:
         """A length or an angle: without its decimal point it would be pulses. Raises ValueError for nan and inf."""

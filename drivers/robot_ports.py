@@ -45,3 +45,15 @@ def _checked(number: int, low: int, high: int) -> int:
     if not low <= number <= high:
         raise ValueError(f"{number} is outside {low} .. {high}")
     return number
+
+
+class Valve:
+    """A valve on one of the controller's outputs, by its number on the pendant: 20 is DO20, port 2 bit 0."""
+
+    def __init__(self, ports: Ports, output: int) -> None:
+        self._ports = ports
+        self._port, self._bit = divmod(output, 10)
+
+    async def switch(self, on: bool) -> None:
+        """Open or close it; raises as `Ports.switch`."""
+        await self._ports.switch("DO", self._port, self._bit, on)

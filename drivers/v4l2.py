@@ -5,7 +5,6 @@ USB (UVC), MIPI and PCI cameras. Which picture is the right one: `drivers.v4l2_i
 """
 
 import asyncio
-import errno
 import time
 from collections.abc import AsyncGenerator, Coroutine
 from dataclasses import replace
@@ -13,10 +12,10 @@ from typing import Any, TypeVar
 
 from drivers.camera import Counters, Frame, Health, Setup, State, StateChange, Trigger
 from drivers.camera_states import States
-from drivers.errors import DeviceError, LinkLost, Mismatch, NoAnswer, Refused
+from drivers.errors import DeviceError, LinkLost, NoAnswer, Refused
 from drivers.v4l2_capture import Decode, Opener, Wanted
 from drivers.v4l2_connection import Connection
-from drivers.v4l2_node import KernelNode
+from drivers.v4l2_node import KernelNode, meaning
 
 OPEN_WITHIN_S = 5.0  # a USB camera may take a second to start its sensor
 CONTROL_WITHIN_S = 2.0
@@ -236,17 +235,7 @@ class V4l2Camera:
 
     def _meaning(self, error: OSError) -> DeviceError:
         """What a system error says of this camera."""
-        where, code = self._wanted.path, errno.errorcode.get(error.errno or 0, str(error.errno))
-        match error.errno:
-            case errno.EBUSY:
-                return Refused(self.name, code, f"another program is using {where}: stop that first")
-            case errno.EACCES | errno.EPERM:
-                detail = f"{where} may not be opened: the service's user must be in the group video"
-                return Refused(self.name, code, detail)
-            case errno.ENOTTY:
-                return Mismatch(self.name, f"{where} is no V4L2 camera, or lacks what is needed")
-            case errno.EINVAL | errno.ERANGE | errno.ENOMEM | errno.ENOSPC:
-                return Refused(self.name, code, f"{where}: {error.strerror}")
-        if self._connection is not None:
+        meant = meaning(self.name, self._wanted.path, error)
+        if isinstance(meant, LinkLost) and self._connection is not None:
             self._connection.lose(f"does not answer any more ({error.strerror})")
-        return LinkLost(self.name, f"{where}: {error.strerror or error}")
+        return meant

@@ -1,7 +1,6 @@
 """One opened V4L2 device: format, buffers, stream. Calls block, but for those that fetch and give back a buffer."""
 
-import errno
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,11 +12,10 @@ from drivers.errors import FrameLost, Garbled, Mismatch, Refused
 from drivers.pixels import PixelError
 from drivers.v4l2_abi import Filled, Flag
 from drivers.v4l2_controls import Controls
-from drivers.v4l2_node import Node, serial_number
+from drivers.v4l2_node import NO_SUCH_REQUEST, Node, asked, formats, serial_number
 
 BUFFERS = 8  # four pictures by the line may wait, and the camera must not run out meanwhile
 FEWEST_BUFFERS = 2
-MOST_FORMATS = 128
 UNKNOWN_INTERVAL_S = 0.2  # a camera that does not tell is taken for a slow one
 JPEG = "MJPG"
 FOURCC = {
@@ -30,7 +28,6 @@ FOURCC = {
     pixels.YUYV: "YUYV",
 }
 STAMPED_LATE = frozenset({"uvcvideo"})  # says start of exposure, and means the arrival of the first packet
-NO_SUCH_REQUEST = (errno.ENOTTY, errno.EINVAL, errno.ENODATA)
 
 Decode = Callable[[bytes], Pixels]
 Opener = Callable[[str], Node]
@@ -72,6 +69,7 @@ class Capture:
         try:
             self._check_identity()
             self.controls = Controls(wanted.name, self.node)
+            self.controls.unmirror()
             self._set_format()
             self.interval_s = self._interval_s()
             self._map_buffers()
@@ -81,8 +79,7 @@ class Capture:
             raise
 
     def _ask(self, request: int, argument: bytearray) -> bytearray:
-        self.node.ioctl(request, argument)
-        return argument
+        return asked(self.node, request, argument)
 
     def check(self) -> abi.Capability:
         """Ask the device what it is."""
@@ -100,20 +97,11 @@ class Capture:
             detail = f"the camera at {wanted.path} has serial number {serial!r}, not {wanted.setup.serial!r}"
             raise Mismatch(wanted.name, detail)
 
-    def _formats(self) -> Iterator[str]:
-        for index in range(MOST_FORMATS):
-            try:
-                yield abi.format_name(self._ask(abi.ENUM_FMT, abi.ask_format_name(index)))
-            except OSError as error:
-                if error.errno in NO_SUCH_REQUEST:
-                    return
-                raise
-
     def _set_format(self) -> None:
         """Set region and format. A device gives the nearest that it can: nothing but what was wanted will do."""
         wanted, fourcc = self._wanted, self._wanted.fourcc
         region = wanted.setup.region
-        offered = list(self._formats())
+        offered = formats(self.node)
         if fourcc not in offered:
             raise Refused(wanted.name, "format", f"{wanted.path} has no {fourcc}; it has {', '.join(offered)}")
         cropped = self._crop(region)
@@ -187,7 +175,7 @@ class Capture:
     def set_exposure(self, wanted: tuple[float, float] | None) -> tuple[float, float]:
         """Exposure in us and gain in dB, as the device reads them back; None leaves them."""
         if wanted is None:
-            self.exposure = self.controls.exposure_us(), 0.0
+            self.exposure = self.controls.exposure_us(), self.controls.gain_db(self._wanted.gain_db_per_step)
         else:
             exposure_us = self.controls.set_exposure(wanted[0])
             self.exposure = exposure_us, self.controls.set_gain(wanted[1], self._wanted.gain_db_per_step)
@@ -197,10 +185,10 @@ class Capture:
         """Take pictures by this from now on."""
         self.stop()
         self.controls.set_trigger(trigger, self._wanted.setup)
+        self.streaming = True  # from the first buffer on there is something to stop
         for index in range(len(self._maps)):
             self.give_back(index)
         self._ask(abi.STREAMON, abi.stream_kind())
-        self.streaming = True
 
     def stop(self) -> None:
         """Take no more; pictures that were not fetched are dropped."""

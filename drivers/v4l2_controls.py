@@ -4,13 +4,12 @@ The API has no standard trigger. Cameras that have one offer it as controls of t
 names: a trigger mode (a switch, or a list with one entry for software), a trigger source, and a button.
 """
 
-import errno
 from collections.abc import Iterator
 
 from drivers import v4l2_abi as abi
 from drivers.camera import Setup, Trigger
 from drivers.errors import Refused
-from drivers.v4l2_node import Node
+from drivers.v4l2_node import NO_SUCH_REQUEST, Node, asked
 
 MOST_CONTROLS = 512
 MOST_CHOICES = 64
@@ -19,7 +18,6 @@ SOURCE_NAMES = ("trigger source", "triggersource")
 BUTTON_NAMES = ("software trigger", "trigger software", "single trigger")
 OFF_WORDS = ("off", "disabled", "free run", "none")
 SOFTWARE_WORDS = ("software", "single")
-END_OF_LIST = (errno.EINVAL, errno.ENOTTY)
 
 
 class Controls:
@@ -53,6 +51,16 @@ class Controls:
         """In force; 0 when the device does not tell."""
         known = abi.EXPOSURE_ABSOLUTE in self._by_number
         return self._get(abi.EXPOSURE_ABSOLUTE) * abi.EXPOSURE_STEP_US if known else 0.0
+
+    def gain_db(self, step_db: float | None) -> float:
+        """In force; 0 when the device does not tell, or nobody knows the size of its steps."""
+        known = self._by_number.get(abi.GAIN)
+        return (self._get(abi.GAIN) - known.minimum) * step_db if known and step_db else 0.0
+
+    def unmirror(self) -> None:
+        """See to it that pictures are the way the sensor sees them. Raises Refused."""
+        for number in (abi.MIRRORED, abi.UPSIDE_DOWN):
+            self._set_if_there(number, 0)
 
     def set_gain(self, gain_db: float, step_db: float | None) -> float:
         """Set it and turn automatic gain off; returns what the device says that it has, in dB. Raises Refused.
@@ -100,14 +108,12 @@ class Controls:
     def _listed(self) -> Iterator[abi.Control]:
         number = 0
         for _ in range(MOST_CONTROLS):
-            argument = abi.ask_control_after(number)
             try:
-                self._node.ioctl(abi.QUERY_EXT_CTRL, argument)
+                control = abi.control_facts(asked(self._node, abi.QUERY_EXT_CTRL, abi.ask_control_after(number)))
             except OSError as error:
-                if error.errno in END_OF_LIST:
+                if error.errno in NO_SUCH_REQUEST:
                     return
                 raise
-            control = abi.control_facts(argument)
             if control.number <= number:
                 return  # a device that goes round in circles
             number = control.number
@@ -129,19 +135,14 @@ class Controls:
     def _choices(self, control: abi.Control) -> Iterator[tuple[int, str]]:
         last = min(control.maximum, control.minimum + MOST_CHOICES)
         for index in range(max(control.minimum, 0), last + 1):
-            argument = abi.ask_choice(control.number, index)
             try:
-                self._node.ioctl(abi.QUERYMENU, argument)
+                yield index, abi.choice_name(asked(self._node, abi.QUERYMENU, abi.ask_choice(control.number, index)))
             except OSError as error:
-                if error.errno not in END_OF_LIST:
+                if error.errno not in NO_SUCH_REQUEST:  # a list may have holes
                     raise
-            else:  # a list may have holes
-                yield index, abi.choice_name(argument)
 
     def _get(self, number: int) -> int:
-        argument = abi.ask_control(number)
-        self._node.ioctl(abi.G_CTRL, argument)
-        return abi.control_value(argument)
+        return abi.control_value(asked(self._node, abi.G_CTRL, abi.ask_control(number)))
 
     def _set_if_there(self, number: int, value: int) -> None:
         control = self._by_number.get(number)

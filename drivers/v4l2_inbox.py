@@ -56,7 +56,8 @@ class Inbox:
         self._waiting: deque[Picture | FrameLost] = deque()
         self._changed = asyncio.Event()
         self._ended: DeviceError | None = None
-        self._last: Filled | None = None
+        self._last: int | None = None  # picture's number
+        self._newest_ns = 0  # stamp of the latest good picture: an earlier one was seen, or overtaken
 
     def end(self, error: DeviceError) -> None:
         """No more pictures: whoever waits, or asks from now on, gets this error."""
@@ -67,9 +68,10 @@ class Inbox:
 
     def take(self, filled: Filled, start_ns: int, flaw: str) -> None:
         """Sort in what came. A damaged picture may have no time stamp (0)."""
-        repeated = self._last is not None and filled.stamp_ns <= self._last.stamp_ns and not flaw
-        picture = Picture(filled, start_ns, time.monotonic_ns(), self._count_gap(filled))
-        self._last = filled
+        repeated = filled.stamp_ns <= self._newest_ns and not flaw
+        if not flaw:
+            self._newest_ns = max(self._newest_ns, filled.stamp_ns)
+        picture = Picture(filled, start_ns, time.monotonic_ns(), self._count_gap(filled.sequence))
         floor_ns = self._wanted_from()
         early = floor_ns is None or start_ns < floor_ns
         if repeated or (early and not (flaw and filled.stamp_ns <= 0)):
@@ -130,11 +132,12 @@ class Inbox:
                 self._drop(oldest, Counters(overrun=1))
         self._changed.set()
 
-    def _count_gap(self, filled: Filled) -> int:
+    def _count_gap(self, number: int) -> int:
         """How many numbers are missing before this one. A number that does not go up says nothing."""
-        if self._last is None:
+        last, self._last = self._last, number
+        if last is None:
             return 0
-        step = (filled.sequence - self._last.sequence) % COUNT
+        step = (number - last) % COUNT
         gap = step - 1 if 0 < step < COUNT // 2 else 0
         self.counters += Counters(gaps=gap)
         return gap

@@ -1,5 +1,6 @@
-"""A device node of the kernel, opened: its ioctls, its mapped memory, what sysfs knows about it."""
+"""A device node of the kernel: its ioctls, its mapped memory, what sysfs knows of it, what its errors mean."""
 
+import errno
 import fcntl
 import mmap
 import os
@@ -11,11 +12,15 @@ from typing import Protocol
 
 import numpy as np
 
+from drivers import v4l2_abi as abi
 from drivers.camera import Pixels
+from drivers.errors import DeviceError, LinkLost, Mismatch, Refused
 
 NOT_IN_A_SERIAL = re.compile(r"[^A-Za-z0-9._-]+")
 BUS_PREFIX = re.compile(r"^[A-Za-z]+[:-]")
 LONGEST_SERIAL = 16
+MOST_FORMATS = 128
+NO_SUCH_REQUEST = (errno.ENOTTY, errno.EINVAL, errno.ENODATA)  # or the end of a list
 
 
 class Node(Protocol):
@@ -69,6 +74,24 @@ class KernelNode:
         os.close(self._fd)
 
 
+def asked(node: Node, request: int, argument: bytearray) -> bytearray:
+    """The same argument, filled in by the device; raises OSError."""
+    node.ioctl(request, argument)
+    return argument
+
+
+def formats(node: Node) -> list[str]:
+    """Four characters of each pixel format that it offers; raises OSError."""
+    found: list[str] = []
+    try:
+        while len(found) < MOST_FORMATS:
+            found.append(abi.format_name(asked(node, abi.ENUM_FMT, abi.ask_format_name(len(found)))))
+    except OSError as error:
+        if error.errno not in NO_SUCH_REQUEST:
+            raise
+    return found
+
+
 def serial_number(path: str, bus: str) -> str:
     """What tells a camera from others of its kind: a USB camera's serial number, else the place where it is connected.
 
@@ -91,3 +114,18 @@ def _usb_serial(path: str) -> str:
     except OSError:
         return ""
     return NOT_IN_A_SERIAL.sub("-", text.strip())[-LONGEST_SERIAL:]
+
+
+def meaning(name: str, where: str, error: OSError) -> DeviceError:
+    """What a system error says of a camera. LinkLost: it is gone, and whatever was open is of no use."""
+    code = errno.errorcode.get(error.errno or 0, str(error.errno))
+    match error.errno:
+        case errno.EBUSY:
+            return Refused(name, code, f"another program is using {where}: stop that first")
+        case errno.EACCES | errno.EPERM:
+            return Refused(name, code, f"{where} may not be opened: the service's user must be in the group video")
+        case errno.ENOTTY:
+            return Mismatch(name, f"{where} is no V4L2 camera, or lacks what is needed")
+        case errno.EINVAL | errno.ERANGE | errno.ENOMEM | errno.ENOSPC:
+            return Refused(name, code, f"{where}: {error.strerror}")
+    return LinkLost(name, f"{where}: {error.strerror or error}")

@@ -1,4 +1,4 @@
-"""A simulated cell for any client: `python -m simulators --product recipes/x85.toml`; or `robot` or `camera` alone."""
+"""A simulated cell for any client: `python -m simulators`; one device alone: `... plc`, `... robot`, `... camera`."""
 
 import argparse
 import asyncio
@@ -10,11 +10,14 @@ import cv2
 
 from simulators.cell import Addresses, SimulatedCell
 from simulators.lone_camera import main as camera_main
+from simulators.lone_plc import main as plc_main
 from simulators.person import Person
+from simulators.plc_program import DELIVERED
 from simulators.product import load_product
 from simulators.robot.__main__ import CONTROLLERS
 from simulators.robot.__main__ import main as robot_main
 from simulators.running import exact_loop, host_port, until_stopped
+from simulators.st.errors import StError
 from simulators.world import World
 
 
@@ -24,6 +27,8 @@ def main() -> int:
         return robot_main(sys.argv[2:])
     if sys.argv[1:2] == ["camera"]:
         return camera_main(sys.argv[2:])
+    if sys.argv[1:2] == ["plc"]:
+        return plc_main(sys.argv[2:])
     options = _parser().parse_args()
     world = World(options.seed, load_product(options.product), speed=options.speed)
     if options.pictures is not None:
@@ -32,23 +37,35 @@ def main() -> int:
     sys.setswitchinterval(0.0005)  # and gives the interpreter back to the protocol servers
     try:
         with asyncio.Runner(loop_factory=exact_loop) as runner:
-            runner.run(_serve(world, _addresses(options), options.person, options.pictures))
+            runner.run(_serve(world, options))
     except OSError as error:
-        print(f"simulated cell: cannot listen: {error.strerror or error}; is another one running?", file=sys.stderr)
+        print(f"simulated cell: {_why(error)}", file=sys.stderr)
+        return 1
+    except StError as error:
+        print(error, file=sys.stderr)
         return 1
     return 0
+
+
+def _why(error: OSError) -> str:
+    if error.filename:
+        return f"cannot read {error.filename}: {error.strerror}"
+    return f"cannot listen: {error.strerror or error}; is another one running?"
 
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="cellctl simulate",
         description="A simulated cell: PLC (Modbus TCP), robot, two cameras (GigE Vision or V4L2), one world. "
-        "The robot alone: cellctl simulate robot --help. A camera alone: cellctl simulate camera --help.",
+        "One device alone: cellctl simulate plc --help, robot --help, camera --help.",
     )
     parser.add_argument("--product", type=Path, default=Path("recipes/x85.toml"), help="recipe file with the drawing")
     parser.add_argument("--seed", type=int, default=1, help="which cell: mounts, lenses, parts and scatter")
     parser.add_argument("--speed", type=float, default=1.0, help="world seconds per second (default 1: real time)")
     parser.add_argument("--plc", type=host_port, default="127.0.0.1:5020", metavar="HOST:PORT")
+    parser.add_argument(
+        "--plc-program", type=Path, default=DELIVERED, metavar="FILE", help="Structured Text to execute"
+    )
     parser.add_argument("--robot", type=host_port, default="127.0.0.1:10023", metavar="HOST:PORT")
     parser.add_argument("--robot-serial", type=int, metavar="BAUD", help="offer the robot on a pseudo terminal, too")
     parser.add_argument("--robot-dialect", choices=("rcx3", "rcx2"), default="rcx3", help="an RCX340 or an RCX240")
@@ -74,9 +91,10 @@ def _addresses(options: argparse.Namespace) -> Addresses:
     )
 
 
-async def _serve(world: World, addresses: Addresses, person: Path | None, album: Path | None) -> None:
-    async with SimulatedCell(world, addresses, album) as cell:
-        at_hand = Person(world, person) if person else None
+async def _serve(world: World, options: argparse.Namespace) -> None:
+    addresses = _addresses(options)
+    async with SimulatedCell(world, addresses, options.pictures, plc_program=options.plc_program) as cell:
+        at_hand = Person(world, options.person) if options.person else None
         if at_hand:
             await at_hand.start()
         robot = CONTROLLERS[addresses.robot_dialect]

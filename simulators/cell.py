@@ -11,6 +11,7 @@ from typing import Literal, Protocol, Self
 from simulators.eyes import Eye
 from simulators.gige import GigeCameraServer
 from simulators.plc import PlcServer
+from simulators.plc_program import DELIVERED, PlcProgram
 from simulators.robot import RobotController, Wiring
 from simulators.v4l2 import Device, V4l2CameraServer
 from simulators.world import World
@@ -64,11 +65,22 @@ def _camera(number: int, address: str, eye: Eye, world: World) -> CameraServer:
 
 
 class SimulatedCell:
-    """All devices of one cell; an async context manager. `album` is a folder that gets every picture that is taken."""
+    """All devices of one cell; an async context manager.
 
-    def __init__(self, world: World, addresses: Addresses, album: Path | None = None) -> None:
+    `album` is a folder that gets every picture that is taken. `plc_program` is the Structured Text that the PLC
+    executes; StError is raised when that is wrong.
+    """
+
+    def __init__(
+        self, world: World, addresses: Addresses, album: Path | None = None, *, plc_program: Path = DELIVERED
+    ) -> None:
         self.world = world
-        self.plc = PlcServer(world, host=addresses.plc_host, port=addresses.plc_port)
+        self.plc = PlcServer(
+            world,
+            host=addresses.plc_host,
+            port=addresses.plc_port,
+            program=partial(PlcProgram, source=plc_program),
+        )
         self.robot = RobotController(
             world,
             dialect=addresses.robot_dialect,

@@ -17,7 +17,7 @@ from simulators.clock import Clock
 from simulators.gige_faults import Faults
 from simulators.gige_formats import Seen
 from simulators.gige_imaging import LINE, SOFTWARE, Counts, Exposure, Imaging, ticks
-from simulators.gvcp import Command, Identity, Registers, Request, Status
+from simulators.gvcp import Command, Forced, Identity, Registers, Request, Status
 from simulators.gvsp import Target
 
 __all__ = ["Counts", "Exposure", "GigeCameraServer"]
@@ -68,6 +68,7 @@ class GigeCameraServer:
         self._heard_s = 0.0
         self._answered: tuple[Target, bytes, bytes] | None = None
         self._later: set[asyncio.TimerHandle] = set()
+        self._moving: asyncio.Task[None] | None = None
 
     async def start(self) -> None:
         """Bind the sockets; raises OSError when the address is taken."""
@@ -85,8 +86,9 @@ class GigeCameraServer:
         self._release()
         for handle in self._later:
             handle.cancel()
-        self._watch.cancel()
-        await asyncio.wait([self._watch])
+        for task in filter(None, (self._watch, self._moving)):
+            task.cancel()
+            await asyncio.wait([task])
         self._transport.close()
         self._ear.close()
         await self._imaging.close()
@@ -126,11 +128,34 @@ class GigeCameraServer:
 
     def _on_broadcast(self, data: bytes, client: Target) -> None:
         request = gvcp.decode(data)
-        if request is None or request.command != Command.DISCOVERY or self.faults.on("mute"):
+        if request is None or self.faults.on("mute"):
+            return
+        if request.command == Command.FORCE_IP:
+            self._be_forced(request)
+        if request.command != Command.DISCOVERY:
             return
         # A client that finds us through another interface would wait there for our pictures.
         if client[0].startswith("127."):
             self._transport.sendto(gvcp.answer(request, Status.OK, self.registers.discovery()), client)
+
+    def _be_forced(self, request: Request) -> None:
+        """Take another address, if it is meant and nobody controls it. Whoever asked looks for it anew."""
+        wanted = gvcp.forced(request.body)
+        if wanted is None or wanted.mac != self.registers.mac or self._controller or self._moving:
+            return
+        self._moving = asyncio.create_task(self._move(wanted))
+
+    async def _move(self, wanted: Forced) -> None:
+        try:
+            transport = await self._listen(wanted.ip, self._on_datagram, shared=False)
+        except OSError:  # not ours, or taken: the camera stays where it is
+            return
+        finally:
+            self._moving = None
+        self._transport.close()
+        self._transport, self.ip = transport, wanted.ip
+        self.registers.move(wanted.ip, wanted.mask)
+        self._imaging.move(wanted.ip)
 
     def _on_datagram(self, data: bytes, client: Target) -> None:
         request = gvcp.decode(data)

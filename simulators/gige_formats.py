@@ -4,6 +4,8 @@ Sources: PFNC 2.4 and GigE Vision 2.0. In the "p" formats the bits of all pixels
 in the "Packed" ones two pixels share three bytes, the low bits of both in the middle one.
 """
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -24,8 +26,7 @@ def pack(seen: Seen, code: int) -> NDArray[np.uint8]:
     if name.endswith("Packed"):
         return _pairs(values, bits)
     if name.endswith("p"):
-        each = np.unpackbits(values.astype("<u2").view(np.uint8).reshape(-1, 2), axis=1, bitorder="little")
-        return np.packbits(each[:, :bits].reshape(-1), bitorder="little")
+        return _stream(values, bits)
     return values.astype(np.uint8) if bits == 8 else values.astype("<u2").view(np.uint8)
 
 
@@ -33,6 +34,18 @@ def _of_bits(seen: Seen, bits: int) -> NDArray[np.uint16]:
     """A brighter format shows more steps between the same black and white."""
     deep = seen if seen.dtype == np.uint16 else seen.astype(np.uint16) * np.uint16(257)
     return (deep >> np.uint16(16 - bits)).astype(np.uint16)
+
+
+def _stream(values: NDArray[np.uint16], bits: int) -> NDArray[np.uint8]:
+    """Groups of pixels that fill whole bytes, each as one large number, lowest byte first."""
+    each = 8 // math.gcd(8, bits)
+    groups = np.zeros((-(-values.size // each), each), np.uint16)
+    groups.reshape(-1)[: values.size] = values
+    numbers = np.zeros(len(groups), "<u8")
+    for place in range(each):
+        numbers |= groups[:, place].astype(np.uint64) << np.uint64(place * bits)
+    packed = numbers.view(np.uint8).reshape(-1, 8)[:, : each * bits // 8]
+    return packed.reshape(-1)[: (values.size * bits + 7) // 8]
 
 
 def _pairs(values: NDArray[np.uint16], bits: int) -> NDArray[np.uint8]:

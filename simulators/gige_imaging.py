@@ -90,6 +90,11 @@ class Imaging:
         self._worker = ThreadPoolExecutor(1, thread_name_prefix=f"simulated camera {ip}")
         self._pipeline = asyncio.create_task(self._take_pictures())
 
+    def move(self, ip: str) -> None:
+        """Send from another address; not while pictures are being taken."""
+        self._sender.close()
+        self._sender = Sender(ip)
+
     async def close(self) -> None:
         """Stop. Raises what `picture` raised."""
         self.stop_acquisition()
@@ -183,17 +188,18 @@ class Imaging:
     async def _take_picture(self, shot: _Shot) -> None:
         """Render what is seen in the middle of the exposure, then send it."""
         await self._clock.sleep_until((shot.exposure.start_world_s + shot.end_s) / 2)
-        seen = await asyncio.get_running_loop().run_in_executor(self._worker, self._render, shot.exposure)
+        picture = await asyncio.get_running_loop().run_in_executor(self._worker, self._as_sent, shot)
         stale, true = self.faults.stale()
         if stale and self._previous is not None:
             await self._send(self._previous, shot)
-        picture = self._as_sent(seen, shot)
         if true:
             await self._send(picture, shot)
         self._previous = picture
 
-    def _as_sent(self, seen: Seen, shot: _Shot) -> Picture:
+    def _as_sent(self, shot: _Shot) -> Picture:
+        """In the worker."""
         pixel_format, exposure = self.registers["PixelFormat"], shot.exposure
+        seen = self._render(exposure)
         place = exposure.offset_x, exposure.offset_y, exposure.width, seen.shape[0]
         return Picture(pack(seen, pixel_format), shot.ticks, *place, pixel_format)
 

@@ -25,6 +25,7 @@ class Command(IntEnum):
     """What a client may ask."""
 
     DISCOVERY = 0x0002
+    FORCE_IP = 0x0004
     PACKET_RESEND = 0x0040
     READ_REGISTER = 0x0080
     WRITE_REGISTER = 0x0082
@@ -76,6 +77,14 @@ class Resend(NamedTuple):
     last: int
 
 
+class Forced(NamedTuple):
+    """The camera with this MAC address is to have this address and network mask."""
+
+    mac: bytes
+    ip: str
+    mask: int
+
+
 def decode(datagram: bytes) -> Request | None:
     """The request in a datagram, or None when it is none."""
     if len(datagram) < HEADER.size:
@@ -96,6 +105,14 @@ def answer(request: Request, status: Status, body: bytes = b"") -> bytes:
 def wait_for(request: Request, time_ms: int) -> bytes:
     """The notice that the answer to a request takes up to `time_ms`."""
     return ACK_HEADER.pack(Status.OK, Command.PENDING + 1, 4, request.number) + struct.pack(">HH", 0, time_ms)
+
+
+def forced(body: bytes) -> Forced | None:
+    """The address that a FORCEIP command gives, and to whom; None when the command is malformed."""
+    if len(body) != 56:
+        return None
+    mac, address, mask = struct.unpack(">2x6s12x4s12x4s16x", body)
+    return Forced(mac, str(ipaddress.IPv4Address(address)), int.from_bytes(mask, "big"))
 
 
 def resend(body: bytes) -> Resend | None:
@@ -196,6 +213,16 @@ class Registers:
     def __setitem__(self, name: str, value: int) -> None:
         """Set by the camera itself: no access rule applies."""
         self._set(self.table[name].address, value)
+
+    @property
+    def mac(self) -> bytes:
+        """The hardware address."""
+        return bytes(self._memory[genicam.MAC_HIGH + 2 : genicam.MAC_HIGH + 8])
+
+    def move(self, ip: str, mask: int) -> None:
+        """From now on the camera has this address."""
+        self._set(genicam.CURRENT_IP, int(ipaddress.IPv4Address(ip)))
+        self._set(genicam.CURRENT_MASK, mask)
 
     def discovery(self) -> bytes:
         """What the answer to a discovery carries."""

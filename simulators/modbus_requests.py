@@ -119,3 +119,4 @@ HANDLERS: dict[int, Callable[[Bank, bytes], bytes]] = {
     22: _mask_register,
     23: _read_write_registers,
 }
+FUNCTIONS = (*HANDLERS, ENCAPSULATED)

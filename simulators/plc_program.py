@@ -8,8 +8,9 @@ from collections.abc import Callable, MutableMapping
 from pathlib import Path
 from typing import Protocol
 
-from simulators.plc_wiring import Actuators, PlcWorld, inputs
-from simulators.st.library import TimeBase
+from simulators.plc_wiring import OUTPUTS, Actuators, PlcWorld, inputs
+from simulators.st.errors import StError
+from simulators.st.library import NOWHERE, TimeBase
 from simulators.st.machine import Machine
 
 DELIVERED = Path(__file__).parent.parent / "deploy" / "plc" / "cell.st"
@@ -34,8 +35,8 @@ class Program(Protocol):
 class PlcProgram:
     """A Structured Text program on the wires of the world and the registers of the Modbus server.
 
-    `memory` are the holding registers. Raises StError when the program is not in the subset that is executed, and
-    ValueError when it lacks a terminal or a function block that the cell needs.
+    `memory` are the holding registers. Raises StError when the program is not in the subset that is executed, or lacks
+    a terminal or a function block that the cell needs; OSError when it cannot be read.
     """
 
     def __init__(
@@ -49,21 +50,17 @@ class PlcProgram:
     ) -> None:
         self._world_time, self._wall_time = TimeBase(), TimeBase()
         time_of = dict.fromkeys(ON_WALL_TIME, self._wall_time)
-        self.machine = Machine(source.read_text(), name=str(source), time=self._world_time, time_of=time_of)
+        self.machine = Machine(_text(source), name=str(source), time=self._world_time, time_of=time_of)
         self._registers = memory
         self._actuators = Actuators(world)
-        self._inputs = self._wired(inputs(world, photo_switch, button))
-        self._outputs = self.machine.located("%Q")
+        terminals = inputs(world, photo_switch, button)
+        places, self._outputs = self.machine.located("%I"), self.machine.located("%Q")
+        if odd := (places.keys() ^ terminals.keys()) | (self._outputs.keys() ^ OUTPUTS):
+            raise _refused(source, f"terminals that are not wired, or lack: {', '.join(sorted(odd))}")
+        self._inputs = [(places[address], read) for address, read in terminals.items()]
         registers = {int(address[3:]): at for address, at in self.machine.located("%MW").items()}
         self._orders = [(at, register) for register, at in registers.items() if register in ORDERS]
         self._picture = [(at, register) for register, at in registers.items() if register in PICTURE]
-
-    def _wired(self, terminals: dict[str, Callable[[], int | bool]]) -> list[tuple[int, Callable[[], int | bool]]]:
-        places = self.machine.located("%I")
-        if places.keys() != terminals.keys():
-            odd = ", ".join(sorted(places.keys() ^ terminals.keys()))
-            raise ValueError(f"the program's inputs are not those of the cell: {odd}")
-        return [(places[address], read) for address, read in terminals.items()]
 
     def scan(self, now_world_s: float, now_wall_s: float) -> None:
         """One PLC cycle: read, execute, drive, publish. Raises StFault when the program fails."""
@@ -86,3 +83,16 @@ class PlcProgram:
     def restart(self) -> None:
         """Power came back: variables are fresh but those that are RETAIN."""
         self.machine.power_cycle()
+
+
+def _text(source: Path) -> str:
+    try:
+        return source.read_text(encoding="utf-8")
+    except UnicodeDecodeError as error:
+        raise _refused(source, f"this is no text in UTF-8 (byte {error.start})") from None
+
+
+def _refused(source: Path, message: str) -> StError:
+    error = StError(NOWHERE, message)
+    error.source = str(source)
+    return error

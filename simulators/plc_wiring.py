@@ -6,6 +6,7 @@ from typing import Protocol
 
 ANALOGUE_FULL_SCALE, FULL_SCALE_KPA = 27648, -100.0  # of the vacuum sensor
 ANALOGUE_LIMIT = 32767
+OUTPUTS = {*(f"%QX0.{bit}" for bit in range(8)), *(f"%QX1.{bit}" for bit in range(7))}
 
 
 class PlcWorld(Protocol):

@@ -148,7 +148,7 @@ def _gain(width: int, height: int, light: Light) -> Canvas:
     return np.asarray(gain * 32768.0, np.uint16)
 
 
-@lru_cache(maxsize=6)
+@lru_cache(maxsize=16)
 def _noise_bank(sd: float, length: int) -> Canvas:
     """White noise, made once: pictures take a cut from a random place of it."""
     noise = np.random.default_rng(20191).standard_normal(length, dtype=np.float32)

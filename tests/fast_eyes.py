@@ -158,7 +158,8 @@ class RenderedEyes:
         optics = self.optics[camera]
         if not self.nuisances:
             return render(scene, optics, self.rng)
-        worn = replace(optics, blur_px=float(self.rng.uniform(0.8, 2.0)), noise=float(self.rng.uniform(2.0, 8.0)))
+        noise = float(self.rng.integers(4, 17)) / 2.0  # in steps: the renderer keeps what it has made of each
+        worn = replace(optics, blur_px=float(self.rng.uniform(0.8, 2.0)), noise=noise)
         dirty = Scene(scene.background, [*scene.shapes, *clutter(self.rng, optics)])
         return render(dirty, worn, self.rng, exposure=float(self.rng.uniform(0.7, 1.1)))
 

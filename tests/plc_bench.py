@@ -1,5 +1,8 @@
 """The delivered PLC program on a bench: wired to a true conveyor and cup, scanned by hand every 10 ms, no network."""
 
+import random
+from collections import deque
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -29,6 +32,8 @@ class Station:
         self.belt_starts = 0
         self.lights = {1: False, 2: False}
         self.tower = (False, False, False, False)
+        self.seen_by_switch: bool | None = None  # instead of what is there
+        self.pressure_kpa: float | None = None  # instead of what is there
         self._good = False
 
     def settle(self) -> None:
@@ -41,7 +46,7 @@ class Station:
                 self.carrier = 0
 
     def photo_switch(self) -> bool:
-        return self.conveyor.photo_switch()
+        return self.conveyor.photo_switch() if self.seen_by_switch is None else self.seen_by_switch
 
     def carrier_clamped(self) -> bool:
         return self.conveyor.clamped and self.conveyor.occupied
@@ -53,7 +58,7 @@ class Station:
         return self.conveyor.moving
 
     def vacuum_kpa(self) -> float:
-        return self.suction.pressure_kpa()
+        return self.suction.pressure_kpa() if self.pressure_kpa is None else self.pressure_kpa
 
     def carrier_id(self) -> int:
         return self.carrier
@@ -134,3 +139,48 @@ def live(seed: int = 1, **settings: Any) -> Bench:
     bench.beat(2)
     assert bench[102] == 77
     return bench
+
+
+class Wire:
+    """Between client and PLC packets get lost, come twice, or come late; and a book of what must have happened."""
+
+    def __init__(self, bench: Bench, chance: random.Random) -> None:
+        self.bench = bench
+        self.came = 0
+        self.left: list[tuple[int, bool]] = []
+        self._chance = chance
+        self._sent: deque[dict[int, int]] = deque(maxlen=500)
+
+    def command(self, command: int, ways: Sequence[str]) -> None:
+        """Give a command, disturbed in these ways before each packet, until the PLC says that it is finished."""
+        bench, here = self.bench, self.bench.station.carrier
+        number = (bench[107] + 1) & 0xFFFF
+        bench.frame |= {3: number, 4: command, 5: here}
+        while [bench[at] for at in (107, 108)] != [number, number]:
+            for way in ways:
+                self._disturb(way)
+            bench.beat()
+            self._sent.append(dict(bench.frame))
+        self._book(command, here, bench[109])
+
+    def _disturb(self, way: str) -> None:
+        """One PLC cycle in which the wire does something."""
+        if way == "lose":
+            self.bench.frame[0] = (self.bench.frame[0] + 1) & 0xFFFF
+        elif self._sent:
+            self.bench.registers.update(self._sent[-1] if way == "repeat" else self._chance.choice(self._sent))
+        self.bench.scan()
+
+    def _book(self, command: int, here: int, result: int) -> None:
+        """What this command must have done, once, and nothing else."""
+        if command == BRING:
+            assert result == (WRONG_STATE if here else OK)
+            self.came += result == OK
+        elif command in (RELEASE_GOOD, RELEASE_REJECT):
+            assert result == (OK if here else WRONG_STATE)
+            self.left += [(here, command == RELEASE_GOOD)] if here else []
+        else:
+            assert result == (OK if command in (STOP, RESET) else UNKNOWN)
+        station = self.bench.station
+        assert (self.bench[110], station.came, station.left) == (self.came & 0xFFFF, self.came, self.left)
+        assert station.belt_starts == self.came + len(self.left)

@@ -14,7 +14,7 @@ from drivers.plc_registers import PlcImage
 from simulators.modbus import Exchange
 from simulators.plc import PlcServer
 from tests.fault_proxy import FaultProxy, proxied
-from tests.plc_bench import Belt, powered, running
+from tests.plc_belt import Belt, powered, running
 from tests.wire_trouble import Trouble, modbus_frames
 
 

@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from cellctl.arm import build_robot, limits_of
 from cellctl.config import CellConfig, load_config
 from cellctl.strict_toml import SettingsError
 
@@ -255,3 +256,36 @@ def test_whatever_values_a_cell_holds_it_is_read_or_refused(tmp_path_factory, da
     except SettingsError as error:
         lines = error.lines
     assert all(re.match(r".*\.toml:\d+:\d+: [a-z_0-9.]+: .", line) for line in lines)
+
+
+def test_a_robot_of_the_older_generation_with_the_vacuum_valve_on_its_own_output(config):
+    more = (
+        'hand = "righty"',
+        'hand = "righty"\ndialect = "rcx2"\npayload_kg = 1.5\nvacuum_output = 27\n'
+        "pulses = { per_deg_or_mm = [2912.7, 2912.7, 1638.4, 682.7], lowest = [-407779, -419430, 0, -245760], "
+        "highest = [407779, 419430, 245760, 245760] }",
+    )
+    robot = config(more).robot
+    assert (robot.dialect, robot.payload_kg, robot.vacuum_output) == ("rcx2", 1.5, 27)
+    limits = limits_of(robot)
+    assert limits.pulses.high.axis_3 == 245760
+    assert build_robot(robot).dialect.name == "rcx2"
+
+
+@pytest.mark.parametrize(
+    ("setting", "complaint"),
+    [
+        ('dialect = "rcx4"', "robot.dialect: "),
+        ("payload_kg = -1", "robot.payload_kg: "),
+        ("vacuum_output = 17", "robot.vacuum_output: must be an output as the pendant names it"),
+        ("vacuum_output = 28", "robot.vacuum_output: must be an output as the pendant names it"),
+        ("pulses = { per_deg_or_mm = [1, 1, 1], lowest = [0, 0, 0, 0], highest = [1, 1, 1, 1] }", "robot.pulses."),
+        (
+            "pulses = { per_deg_or_mm = [1, 1, 1, 1], lowest = [0, 0, 1, 0], highest = [1, 1, 1, 1] }",
+            "robot.pulses.lowest: of axis 3 must be below its highest = 1",
+        ),
+    ],
+)
+def test_a_setting_that_no_robot_can_have_is_refused(refused, setting, complaint):
+    (line,) = refused(('hand = "righty"', f'hand = "righty"\n{setting}'))
+    assert line.startswith(complaint)

@@ -83,6 +83,53 @@ async def test_a_camera_that_bins_or_mirrors_for_good_is_refused(feature: str, k
         assert camera.state.state is State.OFFLINE
 
 
+@pytest.mark.parametrize(
+    ("kind", "says"),
+    [
+        ("shorter", "640 x 480 px, format 0x1080001, 307100 bytes, not 640 x 480 Mono8 of 307200 bytes"),
+        ("wider", "1280 x 240 px"),
+        ("deeper", "format 0x1100003"),
+    ],
+)
+async def test_a_picture_that_is_not_what_was_set_is_lost_before_anybody_looks_at_it(kind: str, says: str):
+    changes = {
+        "shorter": lambda sent: sent._replace(data=sent.data[:-100]),
+        "wider": lambda sent: sent._replace(width=2 * sent.width, height=sent.height // 2),
+        "deeper": lambda sent: sent._replace(pixel_format=PIXEL_FORMATS["Mono10"]),
+    }
+    async with rig() as r, r.open_camera() as camera:
+        right = r.server._imaging._as_sent
+        r.server._imaging._as_sent = lambda shot: changes[kind](right(shot))
+        with pytest.raises(FrameLost, match=says):
+            await camera.grab()
+        r.server._imaging._as_sent = right
+        assert r.scene.was_seen_in(await camera.grab())
+
+
+async def test_bytes_after_the_end_of_a_picture_change_nothing():
+    async with rig() as r, r.open_camera() as camera:
+        right = r.server._imaging._as_sent
+
+        def longer(shot):
+            sent = right(shot)
+            return sent._replace(data=np.concatenate([sent.data, 255 - sent.data]))
+
+        r.server._imaging._as_sent = longer
+        for _ in range(5):
+            try:
+                frame = await camera.grab()
+            except FrameLost:
+                continue
+            assert r.scene.was_seen_in(frame)
+            assert frame.payload.nbytes == SMALL[0] * SMALL[1]
+
+
+async def test_a_camera_waits_between_packets_as_it_is_told():
+    async with rig(largest_packet=1500) as r, r.open_camera(packet_delay_us=20) as camera:
+        assert r.server.registers["GevSCPD"] == 20_000
+        assert r.scene.was_seen_in(await camera.grab())
+
+
 # Hardware line
 
 

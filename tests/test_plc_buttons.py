@@ -8,7 +8,7 @@ import pytest
 from drivers.plc import Plc
 from drivers.plc_buttons import Button, Presses
 from drivers.plc_registers import decode
-from tests.test_plc import Cell, cell, eventually, powered, running
+from tests.plc_belt import Cell, cell, eventually, powered, running
 from tests.test_plc_registers import picture
 
 

@@ -1,7 +1,8 @@
 """The delivered PLC program, executed as it is and judged by what conveyor, clamp, cup and robot enable truly do."""
 
+import random
 import re
-from collections.abc import Callable
+import timeit
 from pathlib import Path
 
 import pytest
@@ -10,7 +11,6 @@ from hypothesis import strategies as st
 
 from simulators.conveyor import Fault
 from simulators.plc_program import DELIVERED, ON_WALL_TIME
-from simulators.plc_wiring import analogue
 from simulators.st.errors import StError
 from tests.plc_bench import (
     BRING,
@@ -20,11 +20,13 @@ from tests.plc_bench import (
     RELEASE_GOOD,
     RELEASE_REJECT,
     RESET,
+    SCAN_S,
     STOP,
     TIMED_OUT,
     UNKNOWN,
     WRONG_STATE,
     Bench,
+    Wire,
     live,
 )
 
@@ -63,7 +65,8 @@ def test_the_age_of_an_arrival_is_told_in_ms_in_two_words() -> None:
     assert (bench[111], bench[112]) == (0, 0)
     bench.command(BRING)
     age_ms = bench[111] << 16 | bench[112]
-    bench.beat(7_000)
+    bench.station.now_s += 70.0 - SCAN_S
+    bench.beat()
     assert (bench[111] << 16 | bench[112]) - age_ms == pytest.approx(70_000, abs=20)
     assert bench[111] == 1
 
@@ -172,53 +175,20 @@ def test_another_command_waits_until_the_one_before_is_finished() -> None:
 
 # -- exactly once ----------------------------------------------------------------------------------------------
 
-traffic = st.lists(st.sampled_from(["write", "write", "lose", "repeat", "late"]), min_size=1, max_size=12)
+traffic = st.lists(st.sampled_from(["lose", "repeat", "late"]), max_size=12)
+commands = st.sampled_from([BRING, RELEASE_GOOD, RELEASE_REJECT, STOP, RESET, 9])
 
 
 @settings(max_examples=40, deadline=None)
-@given(
-    st.lists(st.tuples(st.sampled_from([BRING, RELEASE_GOOD, RELEASE_REJECT, STOP, RESET, 9]), traffic), max_size=8),
-    st.integers(0, 0xFFFF),
-    st.randoms(use_true_random=False),
-)
-def test_every_command_is_executed_once_whatever_is_lost_repeated_or_late(commands, first, chance) -> None:  # type: ignore[no-untyped-def]
+@given(st.lists(st.tuples(commands, traffic), max_size=8), st.integers(0, 0xFFFF), st.integers())
+def test_every_command_is_executed_once_whatever_is_lost_repeated_or_late(
+    given_commands: list[tuple[int, list[str]]], first: int, seed: int
+) -> None:
     bench = live()
     bench.beat(w3=first)
-    sent: list[dict[int, int]] = []
-    expected: list[tuple[int, bool]] = []
-    number, came = bench[107], 0
-    for command, ways in commands:
-        number = (number + 1) & 0xFFFF
-        here = bench.station.carrier
-        bench.frame |= {3: number, 4: command, 5: here}
-        while [bench[at] for at in (107, 108)] != [number, number]:
-            for way in ways:
-                disturb(bench, way, sent, chance)
-            bench.beat()
-            sent.append(dict(bench.frame))
-        result = bench[109]
-        if command == BRING:
-            assert result == (WRONG_STATE if here else OK)
-            came += result == OK
-        elif command in (RELEASE_GOOD, RELEASE_REJECT):
-            assert result == (OK if here else WRONG_STATE)
-            expected += [(here, command == RELEASE_GOOD)] if here else []
-        else:
-            assert result == (UNKNOWN if command == 9 else OK)
-        assert (bench[110], bench.station.came, bench.station.left) == (came, came, expected)
-    assert bench.station.belt_starts == came + len(expected)
-
-
-def disturb(bench: Bench, way: str, sent: list[dict[int, int]], chance) -> None:  # type: ignore[no-untyped-def]
-    """One PLC cycle in which the wire does something to the client's packets."""
-    if way == "write":
-        bench.beat()
-    elif way == "lose":
-        bench.frame[0] = (bench.frame[0] + 1) & 0xFFFF
-        bench.scan()
-    elif sent:
-        bench.registers.update(sent[-1] if way == "repeat" else chance.choice(sent))
-        bench.scan()
+    wire = Wire(bench, random.Random(seed))
+    for command, ways in given_commands:
+        wire.command(command, ways)
 
 
 def test_a_late_packet_changes_no_output() -> None:
@@ -234,25 +204,26 @@ def test_a_late_packet_changes_no_output() -> None:
     assert not bench.station.suction.valve
 
 
-@settings(max_examples=30, deadline=None)
-@given(st.integers(0xFFF0, 0xFFFF), st.integers(0xFFF0, 0xFFFF))
+@pytest.mark.parametrize(("number", "heartbeat"), [(0xFFFC, 0xFFF0), (0xFFFF, 0xFF40)])
 def test_numbers_and_heartbeats_wrap_around(number: int, heartbeat: int) -> None:
     bench = live()
     bench.frame[0] = heartbeat  # far from the one before: the session has to begin anew
     bench.scan(120)
     bench.beat(3, w1=78, w3=number)
     assert [bench[at] for at in (102, 107, 109)] == [78, number, NOT_YOUR_SESSION]
-    for _ in range(10):
+    for _ in range(3):
         assert bench.command(BRING) == OK
         assert bench.command(RELEASE_GOOD, bench.station.carrier) == OK
-    assert bench[110] == len(bench.station.left) == 10
+    assert bench[110] == len(bench.station.left) == 3
+    assert bench[0] < heartbeat
+    assert bench[107] < number
 
 
 # -- who is served, and whether it lives -------------------------------------------------------------------------
 
 
-@settings(max_examples=60, deadline=None)
-@given(st.lists(st.integers(1, 130), min_size=1, max_size=12))
+@settings(max_examples=10, deadline=None)
+@given(st.lists(st.integers(1, 130), min_size=1, max_size=6))
 def test_enable_falls_500_ms_after_the_last_heartbeat_and_the_session_ends_after_1_s(gaps: list[int]) -> None:
     bench = live()
     for gap in gaps:
@@ -266,8 +237,8 @@ def test_enable_falls_500_ms_after_the_last_heartbeat_and_the_session_ends_after
             assert bench[103] == (READY if scans <= 50 else SILENT)
 
 
-@settings(max_examples=60, deadline=None)
-@given(st.lists(st.tuples(st.sampled_from([11, 22, 33]), st.integers(1, 60), st.integers(0, 3)), max_size=25))
+@settings(max_examples=15, deadline=None)
+@given(st.lists(st.tuples(st.sampled_from([11, 22, 33]), st.integers(1, 120), st.integers(0, 3)), max_size=10))
 def test_the_first_live_session_is_served_and_others_only_after_it_was_silent_for_1_s(turns) -> None:  # type: ignore[no-untyped-def]
     bench = Bench()
     bench.scan(3)
@@ -315,11 +286,14 @@ def test_a_power_cycle_keeps_clamp_and_vacuum_and_counts_the_boot() -> None:
 def test_the_plc_is_starting_for_20_ms_and_takes_no_command() -> None:
     bench = Bench()
     bench.scan()
-    bench.beat(w3=0)
-    bench.beat(w3=1, w4=BRING)
-    seen = [bench[103]]
     bench.beat()
-    assert [*seen, bench[103]] == [READY, RUNNING] or seen == [STARTING]
+    assert (bench[102], bench[103]) == (77, STARTING)
+    for _ in range(3):  # more cycles of the same moment
+        bench.registers.update({0: bench[0] + 1, 3: 1, 4: BRING})
+        bench.program.scan(bench.station.now_s, bench.station.now_s)
+    assert (bench[103], bench[107], bench.station.belt_starts) == (STARTING, 0, 0)
+    bench.scan()
+    assert (bench[103], bench[107], bench.station.belt_starts) == (RUNNING, 1, 1)
 
 
 # -- safety ------------------------------------------------------------------------------------------------------
@@ -346,11 +320,19 @@ def test_every_fall_of_a_safety_fact_is_latched_until_the_latches_are_reset(hist
     assert bench[106] == 0
 
 
-@pytest.mark.parametrize("lose", ["estop_pressed", "guard_open", "silence"])
-@pytest.mark.parametrize("begin", [BRING, RELEASE_GOOD])
+@pytest.mark.parametrize(
+    ("lose", "begin"),
+    [
+        ("estop_pressed", BRING),
+        ("estop_pressed", RELEASE_GOOD),
+        ("guard_open", BRING),
+        ("guard_open", RELEASE_REJECT),
+        ("silence", BRING),
+    ],
+)
 def test_lost_safety_or_a_silent_client_stops_the_belt_and_ends_the_command_as_a_fault(lose: str, begin: int) -> None:
     bench = live()
-    if begin == RELEASE_GOOD:
+    if begin != BRING:
         bench.command(BRING)
     number = bench[107] + 1
     bench.beat(5, w3=number, w4=begin, w5=bench.station.carrier)
@@ -373,7 +355,7 @@ def test_a_level_of_the_switch_counts_when_it_has_stood_for_20_ms(levels: list[t
     bench = live()
     state, raw_before, scans = False, False, 0
     for raw, for_scans in levels:
-        bench.program._inputs[0] = (bench.program._inputs[0][0], lambda raw=raw: raw)  # type: ignore[misc]
+        bench.station.seen_by_switch = raw
         for _ in range(for_scans):
             scans = scans + 1 if raw == raw_before and raw != state else 0
             raw_before = raw
@@ -405,8 +387,7 @@ def test_buttons_are_debounced_and_counted_modulo_256() -> None:
 @given(st.floats(-110.0, 20.0))
 def test_the_vacuum_is_told_in_tenths_of_a_kpa(kpa: float) -> None:
     bench = live()
-    bench.station.vacuum_kpa = lambda: kpa  # type: ignore[method-assign]
-    bench.program._inputs[10] = (bench.program._inputs[10][0], lambda: analogue(kpa))
+    bench.station.pressure_kpa = kpa
     bench.beat()
     told = bench[115] - ((bench[115] & 0x8000) << 1)
     assert told == pytest.approx(kpa * 10, abs=0.52)
@@ -414,10 +395,9 @@ def test_the_vacuum_is_told_in_tenths_of_a_kpa(kpa: float) -> None:
 
 def test_vacuum_reached_has_a_hysteresis_from_40_to_35_kpa() -> None:
     bench = live()
-    place = bench.program._inputs[10][0]
     seen = []
     for kpa in (-30.0, -39.0, -41.0, -36.0, -34.0, -39.0):
-        bench.program._inputs[10] = (place, lambda kpa=kpa: analogue(kpa))  # type: ignore[misc]
+        bench.station.pressure_kpa = kpa
         bench.beat()
         seen.append(bool(bench[105] & 2))
     assert seen == [False, False, True, True, False, False]
@@ -450,7 +430,7 @@ def test_reserved_registers_stay_0_and_the_heartbeat_moves_with_each_cycle() -> 
 def test_a_program_with_other_terminals_is_refused_by_name(tmp_path: Path) -> None:
     other = tmp_path / "other.st"
     other.write_text(DELIVERED.read_text().replace("airInput AT %IX0.6", "airInput AT %IX0.7"))
-    with pytest.raises(ValueError, match=r"inputs are not those of the cell: %IX0\.6, %IX0\.7"):
+    with pytest.raises(StError, match=r"1:1: terminals that are not wired, or lack: %IX0\.6, %IX0\.7"):
         Bench(source=other)
 
 
@@ -465,11 +445,11 @@ def test_a_program_that_is_wrong_is_refused_with_its_file_and_place(tmp_path: Pa
 def test_a_program_without_a_block_that_runs_on_wall_time_is_refused(block: str, tmp_path: Path) -> None:
     other = tmp_path / "other.st"
     other.write_text(re.sub(rf"\b{block}\b", f"{block}X", DELIVERED.read_text()))
-    with pytest.raises(ValueError, match=f"has no function block {block}"):
+    with pytest.raises(StError, match=f"there is no function block {block} in the PROGRAM"):
         Bench(source=other)
 
 
-def test_a_scan_is_cheap(benchmark: Callable[..., None]) -> None:
+def test_a_scan_is_cheap() -> None:
     bench = live()
-    benchmark(bench.program.scan, bench.station.now_s, bench.station.now_s)
-    assert benchmark.stats.stats.median < 0.0003  # type: ignore[attr-defined]
+    best_s = min(timeit.repeat(lambda: bench.beat(20), number=1, repeat=15)) / 20
+    assert best_s < 0.0003

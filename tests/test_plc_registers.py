@@ -54,9 +54,10 @@ def test_every_field_comes_from_its_own_register(words: list[int], state: int) -
         round(image.cycle_ms * 10),
         image.boot,
         image.stop_presses * 256 + image.start_presses,
+        image.reset_presses,
     ]
-    used = {4: 0xF, 5: 0xFF, 6: 0xF}
-    assert again == [word & used.get(at, 0xFFFF) for at, word in enumerate(words[:19])]
+    used = {4: 0xF, 5: 0xFF, 6: 0xF, 19: 0xFF}
+    assert again == [word & used.get(at, 0xFFFF) for at, word in enumerate(words[:20])]
 
 
 @given(st.lists(WORD, max_size=40) | st.lists(WORD, min_size=32, max_size=32))

@@ -19,8 +19,8 @@ from drivers.plc_tags import Value, values
 from simulators.modbus import ModbusServer
 from simulators.modbus_bank import Bank, Table
 from tests.fault_proxy import proxied
+from tests.plc_belt import eventually, powered, running
 from tests.plc_storm import storm
-from tests.test_plc import eventually, powered, running
 from tests.wire_trouble import modbus_frames
 
 WORD = st.integers(0, 0xFFFF)

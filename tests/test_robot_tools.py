@@ -16,6 +16,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+import drivers.conversation
 from cellctl.assembly.stretches import drawn_places, predicted_s, stretches
 from cellctl.config import load_config
 from cellctl.desk.robot_backup import KINDS, Backup, text_of
@@ -32,6 +33,12 @@ from tests.robot_bench import controller_on
 ROOT = Path(__file__).parents[1]
 POINTS = ("P1=250.000 50.000 10.000 0.000 0.000 0.000 1 0 0", "P20=1 2 3 4 0 0")
 PROGRAM = ("NAME=PICK", "MOVE P,P1", "HALT")
+
+
+@pytest.fixture(autouse=True)
+def short_silences(monkeypatch):
+    """A file has ended after its END and a silence; on loopback a short one will do."""
+    monkeypatch.setattr(drivers.conversation, "SILENCE_S", 0.03)
 
 
 @contextmanager
@@ -248,10 +255,12 @@ def test_times_are_predicted_without_a_robot(tmp_path):
     assert 0.5 < rows["arm in all"] < 2
 
 
-async def test_the_arm_takes_as_long_as_predicted_for_every_stretch(tmp_path):
-    async with controller_on(speed=5) as (_, controller):
+@pytest.mark.parametrize("dialect", ["rcx3", "rcx2"])
+async def test_the_arm_takes_as_long_as_predicted_for_every_stretch(tmp_path, dialect):
+    async with controller_on(speed=5, dialect=dialect) as (_, controller):
         with cell_at(tmp_path, f"tcp://127.0.0.1:{controller.port}") as cell:
             config = load_config(cell)
+        config = config.model_copy(update={"robot": config.robot.model_copy(update={"dialect": dialect})})
         recipe = load_recipe(config.paths.recipes, "x85")
         ways = stretches(drawn_places(config, recipe), config, recipe)
         times = await measured(config, ways)
@@ -265,6 +274,25 @@ async def test_the_arm_takes_as_long_as_predicted_for_every_stretch(tmp_path):
         predicted = predicted_s(at, way, Limits(), config.robot.speeds.dynamics)
         assert done[-1].ends_s - done[0].begins_s - late_s == pytest.approx(predicted, rel=0.05)
         at = Position(way.legs[-1].to, RIGHTY)
+
+
+def test_the_way_down_is_slow_only_where_it_must_be():
+    """What the last stretch saves of the arm's time in a unit."""
+    config = load_config(ROOT / "deploy/simulated-cell.toml")
+    recipe = load_recipe(config.paths.recipes, "x85")
+    slow = recipe.model_copy(update={"motion": recipe.motion.model_copy(update={"touch_mm": None})})
+    places = drawn_places(config, recipe)
+    times_s = [unit_s(stretches(places, config, each), config) for each in (recipe, slow)]
+    assert times_s[0] / times_s[1] == pytest.approx(0.83, abs=0.01)
+
+
+def unit_s(ways, config):
+    """The arm's time in a unit, predicted."""
+    at, sum_s = Position(ways[-1].legs[-1].to, RIGHTY), 0.0
+    for way in ways:
+        sum_s += predicted_s(at, way, Limits(), config.robot.speeds.dynamics)
+        at = Position(way.legs[-1].to, RIGHTY)
+    return sum_s
 
 
 def follows_s(at, way, config):

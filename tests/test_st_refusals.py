@@ -144,7 +144,7 @@ def test_nesting_without_end_is_refused(text: str) -> None:
 
 
 def test_what_cannot_have_a_time_of_its_own_is_refused() -> None:
-    with pytest.raises(ValueError, match="program has no function block nobody, a"):
+    with pytest.raises(StError, match="there is no function block nobody, a in the PROGRAM"):
         Machine(program(";", VARIABLES), time=TimeBase(), time_of={"nobody": TimeBase(), "a": TimeBase()})
 
 

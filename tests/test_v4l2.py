@@ -12,14 +12,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from cellctl.pictures.jpeg import luma
 from drivers import pixels
 from drivers.camera import Region, Setup, State, Trigger
 from drivers.errors import FrameLost, LinkLost, Mismatch, NoAnswer, Refused
 from drivers.v4l2 import V4l2Camera
+from drivers.v4l2_facts import facts
 from drivers.v4l2_node import serial_number
-from simulators.v4l2.controls import AUTO_GAIN, EXPOSURE_ABSOLUTE, EXPOSURE_AUTO, GAIN, MANUAL
+from simulators.v4l2.controls import AUTO_GAIN, EXPOSURE_ABSOLUTE, EXPOSURE_AUTO, GAIN, MANUAL, MIRRORED, UPSIDE_DOWN
 from simulators.v4l2.fuse_mount import unmount
-from tests.v4l2_rig import FULL, SMALL, Rig, decode, fuse_is_missing, needs_fuse, rig
+from tests.benchmarks.camera_v4l2 import soak
+from tests.v4l2_rig import FULL, SMALL, Rig, needs_fuse, rig
 
 FRONTS = ["file", "process"]
 
@@ -115,21 +118,13 @@ async def test_every_format_arrives_as_the_grey_levels_that_the_sensor_saw(
 
 
 async def test_jpeg_pictures_are_decoded_and_a_broken_one_is_lost():
-    async with rig() as r, r.open_camera(decode=decode) as camera:
+    async with rig() as r, r.open_camera(decode=luma) as camera:
         r.scene.pictures[:] = np.arange(SMALL[0], dtype=np.uint16).astype(np.uint8) // 4  # what JPEG hardly changes
         frame = await camera.grab()
         assert np.abs(frame.pixels.astype(int) - r.scene.pictures[0].astype(int)).max() <= 3
         r.server.inject("wrong_size")
         with pytest.raises(FrameLost, match="JPEG"):
-            await grab_strictly(r)
-
-
-async def grab_strictly(r: Rig) -> None:
-    """With the decoder of the cell."""
-    from cellctl.pictures.jpeg import luma
-
-    async with r.open_camera(decode=luma) as camera:
-        await camera.grab()
+            await camera.grab()
 
 
 async def test_a_region_is_read_from_its_place_on_the_sensor():
@@ -202,6 +197,14 @@ async def test_a_format_or_size_that_the_camera_does_not_have_is_refused_with_wh
             await camera.close()
 
 
+async def test_a_camera_that_was_left_mirrored_is_set_right_at_opening():
+    async with rig() as r:
+        for number in (MIRRORED, UPSIDE_DOWN):
+            r.server.device.controls.find(number).value = 1
+        async with r.open_camera() as camera:
+            assert r.scene.was_seen_in(await camera.grab())
+
+
 # Which camera
 
 
@@ -243,6 +246,21 @@ async def test_a_camera_that_another_program_uses_is_refused_until_that_lets_go(
         await second.open()
         assert r.scene.was_seen_in(await second.grab())
         await second.close()
+
+
+async def test_a_camera_tells_of_itself_while_another_program_streams_from_it(tmp_path: Path):
+    needs_fuse()
+    path = tmp_path / "video0"
+    async with rig(path=path, formats=("GREY", "MJPG")) as r, r.open_camera() as camera:
+        told = await facts("camera 1", str(path))
+        assert (told["serial"], told["model"]) == ("SN1", "Simulated camera")
+        assert (told["width_px"], told["height_px"], told["pixel_format"]) == (*SMALL, "GREY")
+        assert (told["pixel_formats"], told["pictures_per_s"]) == (["GREY", "MJPG"], 15)
+        assert (told["exposure_us"], told["software_trigger"]) == (2000, True)
+        assert r.scene.was_seen_in(await camera.grab())
+        r.server.inject("unplug")
+        with pytest.raises(LinkLost):
+            await facts("camera 1", str(path))
 
 
 # What goes wrong
@@ -457,5 +475,9 @@ async def test_states_and_health_tell_how_the_camera_is():
         assert camera.state.state is State.OFFLINE
 
 
-def test_fuse_is_tested_here_or_it_is_said_why_not():
-    assert fuse_is_missing() == "" or "fuse" in fuse_is_missing()
+@pytest.mark.parametrize("triggered", [True, False])
+async def test_hundreds_of_requests_while_pictures_go_astray_give_no_wrong_and_no_stale_one(triggered: bool):
+    told = await soak(300, triggered=triggered)
+    assert (told["wrong"], told["stale_given"]) == (0, 0)
+    assert told["good"] + told["lost"] + told["late"] == 300
+    assert told["good"] > 200

@@ -19,7 +19,7 @@ pytestmark = pytest.mark.usefixtures("one_thread")
 
 def test_with_nuisances_it_stays_near_the_bound_and_far_ahead_of_the_papers_method() -> None:
     contest = Contest({"paper": paper.circle}, {"paper": paper.line})
-    contest.run(NUISANCE, 2, seed=9)
+    contest.run(NUISANCE, range(2), seed=9)
     table = contest_table(contest)
 
     assert contest.refusals == []
@@ -33,7 +33,7 @@ def test_errors_are_as_large_as_the_measurements_say() -> None:
     result = calibrated(12)  # one pack: no further processes
 
     assert result["good pictures refused"] == 0.0
-    assert 0.3 < result["variance of error over sigma"]["all"]["Mahalanobis"] < 2.0
+    assert 0.3 < result["by regime"]["all"]["Mahalanobis"]["variance of error over sigma"] < 2.0
 
 
 @pytest.mark.parametrize("make", KINDS, ids=lambda make: make.__name__)

@@ -11,7 +11,7 @@ import pytest
 from cellctl.control.errors import Declined
 from cellctl.desk.client import call
 from cellctl.desk.records import units
-from cellctl.journal import Journal
+from cellctl.journal import Journal, Record
 from cellctl.journal_file import FILE_NAME
 from cellctl.machine import NotAllowed, State
 from tests.whole_cell import ROOT, Bench, running, simulated, whole_cell
@@ -128,6 +128,24 @@ async def test_abort_by_command_stops_at_once_and_is_recorded(learnt: Path, tmp_
         said = await bench.ask("status")
         assert all("is to be verified: aborted in motion: " in str(said[camera]) for camera in ("camera-1", "camera-2"))
         assert (await bench.produce(1))[0]["verdict"] == "placed"  # said, and not insisted on
+
+
+async def test_an_abort_while_the_record_is_being_written_leaves_one_record(learnt: Path, tmp_path: Path) -> None:
+    async with whole_cell(tmp_path, learnt=learnt) as bench:
+        finish, writing = bench.journal.finish_unit, asyncio.Event()
+
+        async def on_a_slow_disk(unit: str, record: Record) -> None:
+            writing.set()
+            await asyncio.sleep(0.1)
+            await finish(unit, record)
+
+        bench.journal.finish_unit = on_a_slow_disk  # type: ignore[method-assign]
+        await bench.ready()
+        await bench.start(1)
+        await asyncio.wait_for(writing.wait(), 20)
+        await bench.command("abort", State.ABORTED)
+        assert [record["verdict"] for record in bench.records(5)] == ["placed"]
+        assert "R1" not in bench.cell.message
 
 
 async def test_stop_ends_the_unit_in_progress_first(learnt: Path, tmp_path: Path) -> None:

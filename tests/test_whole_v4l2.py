@@ -23,13 +23,17 @@ async def test_a_cell_whose_camera_2_is_a_v4l2_device_assembles(tmp_path: Path, 
         assert bench.devices.camera_2.counters.delivered >= 3
 
 
-async def test_a_v4l2_camera_that_is_unplugged_holds_the_cell_and_goes_on_when_it_is_back(
+async def test_an_unplugged_v4l2_camera_aborts_with_its_name_and_the_cell_goes_on_when_it_is_back(
     tmp_path: Path, learnt: Path
 ) -> None:
     async with whole_cell(tmp_path, learnt=learnt, video_2=video_2(tmp_path)) as bench:
         await bench.ready()
         bench.world.inject("camera_2", "unplug")
         await bench.start(1)
-        await bench.when(lambda: bench.cell.state in (State.HELD, State.ABORTED))
-        assert "camera 2" in bench.cell.message
+        await bench.until(State.ABORTED)
+        assert bench.cell.message.startswith("[D1] camera 2: ")
         bench.world.inject("camera_2", "unplug", on=False)
+        bench.world.clear_station()
+        records = await bench.produce(1)
+        assert records[0]["verdict"] == "placed"
+        assert bench.world.verdicts[-1].fit is not None

@@ -6,7 +6,6 @@ from contextlib import asynccontextmanager
 from functools import cache
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
 
@@ -62,13 +61,6 @@ class Scene:
 
     def was_seen_in(self, frame: Frame) -> bool:
         return self.number_of(frame.pixels) is not None
-
-
-def decode(data: bytes) -> Pixels:
-    picture = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_GRAYSCALE)
-    if picture is None:
-        raise ValueError("is no JPEG")
-    return np.asarray(picture, np.uint8)
 
 
 class Rig:

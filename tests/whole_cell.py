@@ -168,6 +168,7 @@ async def simulated(
     album: Path | None = None,
     video_2: str | None = None,
     dialect: Literal["rcx3", "rcx2"] = "rcx3",
+    robot: Mapping[str, object] | None = None,
 ) -> AsyncIterator[Bench]:
     """The simulated cell alone, with the configuration that a daemon needs in `folder / "cell.toml"`.
 
@@ -181,7 +182,7 @@ async def simulated(
     config = config.model_copy(
         update={
             "calibration": config.calibration.model_copy(update=settings),
-            "robot": config.robot.model_copy(update={"dialect": dialect}),
+            "robot": config.robot.model_copy(update={"dialect": dialect, **(robot or {})}),
         }
     )
     if learnt is not None:

@@ -19,6 +19,7 @@ from drivers.camera import Camera
 from drivers.errors import DeviceError, NoAnswer
 from drivers.plc import Plc
 from drivers.robot import Leg, Robot
+from drivers.robot_ports import Valve
 
 COMMAND_WITHIN_S = 5.0
 FREEING_SPEED_PCT = 20
@@ -32,6 +33,7 @@ class Devices:
     robot: Robot
     camera_1: Camera  # on the tool, looks down
     camera_2: Camera  # on the bench, looks up
+    valve: Valve | None = None  # of the vacuum, when it is the robot's and not the PLC's
 
 
 @dataclass(frozen=True)
@@ -81,10 +83,10 @@ class Hand:
     async def _seal(self) -> PickFailed | None:
         plc, within_s = self.devices.plc, self.pick.vacuum_within_s
         try:
-            await plc.vacuum(True, within_s=within_s)
+            await self._vacuum(True, within_s)
         except NoAnswer as error:
             pressure_kpa = plc.image.vacuum_kpa  # raises what is wrong with the link, if that is the reason
-            await plc.vacuum(False, within_s=within_s)
+            await self._vacuum(False, within_s)
             failed = PickFailed(f"no vacuum at the cup within {within_s:g} s, only {pressure_kpa:.1f} kPa")
             failed.__cause__ = error
             return failed
@@ -104,7 +106,7 @@ class Hand:
         await plc.blow_off(self.place.blow_off_s > 0)
         pulse_ends_s = time.monotonic() + self.place.blow_off_s
         try:
-            await plc.vacuum(False, within_s=within_s)
+            await self._vacuum(False, within_s)
             await asyncio.sleep(pulse_ends_s - time.monotonic())
         except NoAnswer as error:
             pressure_kpa = plc.image.vacuum_kpa
@@ -113,6 +115,14 @@ class Hand:
             ) from error
         finally:
             await plc.blow_off(False)
+
+    async def _vacuum(self, on: bool, within_s: float) -> None:
+        """Switch the valve and wait until the vacuum switch agrees."""
+        if self.devices.valve is None:
+            await self.devices.plc.vacuum(on, within_s=within_s)
+            return
+        await self.devices.valve.switch(on)
+        await self.devices.plc.vacuum_seen(on, within_s=within_s)
 
     async def lower(self, at: Pose, z_mm: float) -> None:
         """Straight down onto something."""

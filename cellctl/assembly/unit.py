@@ -1,5 +1,6 @@
 """What a unit is assembled with, and what is found out about it on its way."""
 
+import asyncio
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -48,7 +49,7 @@ class Unit:
     id: str = ""  # given when its base has arrived
     carrier_id: int = 0
     good: bool = False
-    recorded: bool = False
+    recording: asyncio.Task[None] | None = None  # of its one final record
     base: Offset | None = None
     battery: Offset | None = None
     seen_base: BaseMeasurement | None = None

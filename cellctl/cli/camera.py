@@ -106,6 +106,17 @@ def camera_live(config: Path, number: str, exposure_us: float | None, gain_db: f
     end(live(Order(which_of(config, number), exposure_of(exposure_us, gain_db), **options)))
 
 
+@camera.command("set-address")
+@click.argument("serial")
+@click.argument("address")
+@with_json
+def camera_set_address(serial: str, address: str, as_json: bool) -> None:
+    """Give the GigE camera SERIAL another ADDRESS until it is switched off, also when it is in a foreign network."""
+    from cellctl.desk.camera_address import Order, set_address
+
+    end(set_address(Order(serial, address, as_json)))
+
+
 @camera.command("check")
 @click.argument("numbers", nargs=-1, type=NUMBERS, metavar="[1|2]...")
 @option("--pictures", type=click.IntRange(0, 10_000), default=20, show_default=True, help="Trial pictures of each.")

@@ -32,6 +32,7 @@ from drivers.network import Nic, nic_towards, nics, receiving
 
 MARK = {True: "ok     ", False: "FAILED ", None: "note   "}
 GRAB_WITHIN_S = 2.0
+PROGRESS_S = 2.0
 
 
 class Order(NamedTuple):
@@ -121,6 +122,8 @@ def _of_network(subject: Subject, sightings: list[Sighting]) -> Iterator[Finding
     else:
         advice = where_instead(sightings, wanted.serial, wanted.address)
         text = f"camera {wanted.serial} is expected at {wanted.address}; {advice}"
+        if any(each.camera.serial == wanted.serial and each.nic is not None for each in sightings):
+            text += f": `cellctl camera set-address {wanted.serial} {wanted.address}`"
         yield Finding(subject.name, "camera", False, text)
 
 
@@ -160,9 +163,12 @@ async def _of_pictures(subject: Subject, count: int) -> AsyncGenerator[Finding, 
 
 async def _trial(name: str, camera: Camera, count: int) -> Finding:
     """So many pictures; one that is lost is counted. Raises DeviceError when none comes any more."""
-    took_ms, lost = [], 0
-    for _ in range(count):
+    took_ms, lost, told_s = [], 0, time.monotonic()
+    for number in range(count):
         began_s = time.monotonic()
+        if began_s - told_s > PROGRESS_S:
+            click.echo(f"{name}: {number} of {count} pictures", err=True)
+            told_s = began_s
         try:
             await camera.grab(within_s=GRAB_WITHIN_S)
         except FrameLost:

@@ -9,21 +9,19 @@ from cellctl.config import load_config
 from cellctl.desk.camera_link import Which, camera_of
 from cellctl.desk.commands import run_loop
 from cellctl.pictures.files import picture_paths
-from drivers.gige_facts import facts
+from drivers import gige_facts, v4l2_facts
 
 UNITS = {"c": "C", "px": "px", "us": "us", "db": "dB", "bytes": "bytes", "ticks": "ticks", "ms": "ms"}
-NO_FACTS = "what a V4L2 camera tells is shown by `v4l2-ctl --all -d {address}` (Debian package v4l-utils)"
 
 
 def info(which: Which, *, as_json: bool) -> int:
-    """Print it. Raises SettingsError, DeviceError, PictureError, ClickException."""
+    """Print it. Raises SettingsError, DeviceError, PictureError."""
     wanted = camera_of(load_config(which.config), which.number)
-    if wanted.driver == "v4l2":
-        raise click.ClickException(NO_FACTS.format(address=wanted.address))
     if wanted.driver == "files":
         told: dict[str, Any] = {"folder": str(wanted.folder), "pictures": len(picture_paths([wanted.folder]))}
     else:
-        told = dict(run_loop(facts(which.name, wanted.address)))
+        facts = v4l2_facts if wanted.driver == "v4l2" else gige_facts
+        told = dict(run_loop(facts.facts(which.name, wanted.address)))
     click.echo(json.dumps(told) if as_json else "\n".join(_lines(told)))
     return 0
 

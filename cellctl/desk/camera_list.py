@@ -11,8 +11,8 @@ from cellctl.config import CellConfig, load_config
 from cellctl.desk.camera_link import camera_of
 from cellctl.desk.commands import run_loop
 from drivers.gige_discovery import Sighting, discover
+from drivers.v4l2_facts import cameras
 
-VIDEO = Path("/sys/class/video4linux")
 HEAD = ("address", "serial", "maker", "model", "name", "MAC", "heard on", "in the cell")
 NOTHING = "no camera answered; `cellctl camera check` says what may be wrong with the network"
 
@@ -74,14 +74,11 @@ def _cell(address: str, serial: str, config: CellConfig | None) -> str:
 
 
 def _video_rows(config: CellConfig | None) -> list[Row]:
-    """Devices of the kernel's video system, by what sysfs says; their serial number shows when they are opened."""
-    nodes = sorted(VIDEO.glob("video*")) if VIDEO.is_dir() else []
-    rows = []
-    for node in nodes:
-        name = (node / "name").read_text(errors="replace").strip() if (node / "name").exists() else ""
-        path = f"/dev/{node.name}"
-        rows.append(Row(path, "-", "-", name, "-", "-", "-", _cell(path, "-", config)))
-    return rows
+    """Devices of the kernel's video system that take pictures."""
+    return [
+        Row(path, serial, "-", model, "-", "-", "-", _cell(path, serial, config))
+        for path, (model, serial) in cameras().items()
+    ]
 
 
 def _table(rows: Sequence[Row]) -> list[str]:

@@ -81,7 +81,7 @@ async def _in_browser(order: Order, stack: AsyncExitStack) -> Show:
 async def _in_terminal(frame: Frame) -> None:
     columns, lines = shutil.get_terminal_size()
     caption = await asyncio.to_thread(caption_of, frame)
-    click.echo(drawn(frame.pixels, columns, lines, caption), nl=False)
+    click.echo(drawn(frame.pixels, columns, lines, caption), nl=False, color=True)
 
 
 async def _show_pictures(camera: Camera, order: Order, show: Show) -> None:

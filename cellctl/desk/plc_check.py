@@ -10,7 +10,7 @@ import click
 from cellctl.config import CellConfig
 from cellctl.desk.plc_motion_points import MOVING_POINTS
 from cellctl.desk.plc_player import Found, Player, Point
-from cellctl.desk.plc_points import OWNING, READING, SERVED
+from cellctl.desk.plc_points import ARRIVED, OWNING, READING, SERVED
 from drivers.errors import DeviceError
 from drivers.plc_layout import PlcAddress
 from drivers.plc_probe import PlcProbe
@@ -32,7 +32,7 @@ async def _check(address: PlcAddress, *, move: bool, as_json: bool) -> int:
     player = Player(probe)
     verdicts: Counter[str] = Counter()
     try:
-        await _try_all(player, READING, verdicts, as_json)
+        await _try_all(player, READING if move else (*READING, ARRIVED), verdicts, as_json)
         owned = await _try(player, OWNING, verdicts, as_json)
         if owned:
             await _try_all(player, SERVED + (MOVING_POINTS if move else ()), verdicts, as_json)

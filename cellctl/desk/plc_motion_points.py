@@ -1,7 +1,7 @@
 """The contract with the PLC, point by point, where the conveyor moves and the vacuum valve switches."""
 
 from cellctl.desk.plc_player import ARGUMENT, COMMAND, OUTPUTS, SEQUENCE, Found, Player, Point, Seen, came
-from cellctl.desk.plc_points import arrival_age_counts
+from cellctl.desk.plc_points import ARRIVED
 from drivers.plc_registers import Command, Output
 
 NO_CARRIER = 0xFFFF
@@ -93,7 +93,7 @@ MOVING_POINTS = (
     Point("a carrier that is not there is not released", absent_carrier_stays),
     Point("stop conveyor ends a bring", stop_ends_bring),
     Point("a base comes, is clamped and counted once", base_comes),
-    Point("the time since that arrival counts milliseconds", arrival_age_counts),
+    ARRIVED,
     Point("no second base is brought", second_bring_is_refused),
     Point("the base goes", base_goes),
     Point("the vacuum valve switches", vacuum_switches),

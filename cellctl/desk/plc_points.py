@@ -16,7 +16,7 @@ UNKNOWN_COMMAND = 99
 SERVED_WITHIN_S = 0.3
 SAFE, ENABLE = 0b0011, 0b1000  # of register 104: emergency stop circuit and guard; robot enable
 USED_BITS = {104: 0x000F, 105: 0x00FF, 106: 0x000F, 119: 0x00FF} | dict.fromkeys(range(120, 132), 0)
-SILENT_S, FREED_S = (0.4, 0.75), (0.9, 1.5)  # what the contract's 500 ms and 1 s may become with cycle and network
+SILENT_S, FREED_S = (0.4, 0.9), (0.9, 1.5)  # what the contract's 500 ms and 1 s may become with cycle and network
 OK, UNKNOWN, NOT_YOUR_SESSION = 0, 2, 5
 
 
@@ -31,9 +31,8 @@ async def map_version(player: Player) -> Found:
     if version == MAP_VERSION >> 8:
         remedy = "the bytes are turned: change byte_order in [plc]"
     elif MAP_VERSION in (picture[100], picture[102]):
-        remedy = (
-            f"the registers lie one off: set plc_registers_at {-1 if picture[100] == MAP_VERSION else 1:+d} in [plc]"
-        )
+        off = "less" if picture[100] == MAP_VERSION else "more"
+        remedy = f"the registers lie one off: make plc_registers_at in [plc] one {off}"
     return Found(version == MAP_VERSION, came(picture, 101), remedy)
 
 
@@ -243,8 +242,8 @@ READING = (
     Point("the PLC's state is one of the contract", state_is_known),
     Point("what is reserved is 0", reserved_is_zero),
     Point("the PLC's cycle is shown and fast enough", cycle_is_fast),
-    Point("the time since an arrival counts milliseconds", arrival_age_counts),
 )
+ARRIVED = Point("the time since an arrival counts milliseconds", arrival_age_counts)
 OWNING = Point("no other client is served", nobody_is_served)
 SERVED = (
     Point("words are written and the picture is read as configured", exchange_works),

@@ -17,7 +17,7 @@ from cellctl.vision.features import ExpectedCircle, ExpectedEdge, Limits, NotFou
 from cellctl.vision.picture import COARSE, Box, Coarse, coarse, to_coarse, to_fine
 from cellctl.vision.plane import direction, middle
 
-TURN_STEP_DEG = 0.25
+TURN_STEP_DEG = 0.4  # over the longest edges that is 6 px at the ends: calipers reach five times as far
 MOST_TURNS = 64  # to either side
 SPARE_DEG = 12.0  # gradients of noisy pixels point that far off their edge's normal
 SUPPRESSED_BINS = 4  # to either side of a peak: no second hypothesis there, calipers see beyond (16 px)
@@ -105,7 +105,7 @@ def line_votes(
     du, dv = u + np.float32(picture.left - centre[0]), v + np.float32(picture.top - centre[1])
     s = du * np.float32(along[0]) + dv * np.float32(along[1])
     d = du * np.float32(bright[0]) + dv * np.float32(bright[1])
-    used = np.flatnonzero((np.abs(s) <= half) & (np.abs(d) <= across))
+    (used,) = ((np.abs(s) <= half) & (np.abs(d) <= across)).nonzero()
     return Votes(*_accumulated(s[used], d[used], np.sqrt(rise[used]), reach, angle), frame)
 
 

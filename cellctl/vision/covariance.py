@@ -38,13 +38,15 @@ def corner_covariance(corner: Px, one: Edge, two: Edge) -> Matrix:
 
     With normal n, offset o, turn a and lever L from the middle of each edge to the corner c: n c = o + L a.
     """
-    normals, joint = np.zeros((2, 2)), np.zeros((4, 4))
+    normals, joint = [], np.zeros((4, 4))
     for i, edge in enumerate((one, two)):
         way, middle = direction(edge.start, edge.end), edge.middle
-        normals[i] = -way.v, way.u
-        lever_px = (corner.u - middle.u) * way.u + (corner.v - middle.v) * way.v
-        carried = np.array([[1.0, math.radians(lever_px)], [0.0, 1.0]])
-        joint[np.ix_([i, i + 2], [i, i + 2])] = carried @ np.array(edge.covariance) @ carried.T
+        normals.append((-way.v, way.u))
+        lever = math.radians((corner.u - middle.u) * way.u + (corner.v - middle.v) * way.v)
+        (offset, both), (_, turn) = edge.covariance
+        joint[i, i] = offset + 2.0 * lever * both + lever * lever * turn
+        joint[i, i + 2] = joint[i + 2, i] = both + lever * turn
+        joint[i + 2, i + 2] = turn
     to_corner = np.identity(4)
     to_corner[:2, :2] = np.linalg.inv(normals)
     return as_matrix(to_corner @ joint @ to_corner.T)

@@ -60,7 +60,7 @@ def _hits(lane: Lane, begin: Singles, steps: Steps, least: float) -> _Hits:
     """The line through the steps of a lane; `begin` is the distance of each profile's first row."""
     near, rising = lane.line, lane.scan.rising
     t, offset = lane.middles(SKIP) - near.at, begin / near.cosine + steps.place
-    strong = np.flatnonzero(steps.height > least)
+    (strong,) = (steps.height > least).nonzero()
     together = line_consensus(t[strong], offset[strong])
     if together is None or np.count_nonzero(together) < FEWEST_HITS:
         return _Hits(t, near, steps.place, steps.only(slice(0)), 0)
@@ -78,7 +78,7 @@ def _caught(lane: Lane, hit: _Hits, other: Steps) -> Caught | None:
     if count == 0:
         return None
     height = middle(hit.used.height)
-    strong = np.flatnonzero(other.height > 0.5 * height)
+    (strong,) = (other.height > 0.5 * height).nonzero()
     together = line_consensus(hit.t[strong], (other.place - hit.place)[strong])
     beside = 0 if together is None else int(np.count_nonzero(together))
     return Caught(hit.line, hit.used.width(), hit.inliers / lane.blocks * math.sqrt(height), beside / count)

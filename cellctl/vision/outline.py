@@ -13,7 +13,7 @@ from cellctl.vision.profile import Blocks, appearance, beliefs, better_width, bl
 from cellctl.vision.robust import Bools, Fit, covariance, tukey_fit
 from cellctl.vision.strip import Part, Strip
 
-ROUNDS = (2, 5)  # of the robust fit in the first and in the last pass
+ROUNDS = (6, 12)  # of the robust fit at most, in the first and in the last pass; a clean outline settles in three
 
 
 class Outline(NamedTuple):
@@ -78,6 +78,6 @@ def _measured(strip: Strip, part: Part, seen: _Seen) -> Measured:
         spread=covariance(seen.outline.design, seen.fit, seen.weights),
         used=used,
         appearance=appearance(strip, part, seen.blocks, seen.fit.weights, seen.outline.width_px),
-        inliers=np.count_nonzero(used) / used.size,
+        inliers=float(np.count_nonzero(used) / used.size),
         residual_px=seen.fit.spread,
     )

@@ -126,7 +126,7 @@ def appearance(strip: Strip, part: Part, blocks: Blocks, weight: Floats, width_p
 def saturated(strip: Strip, part: Part) -> float:
     """Share of an outline's blocks that are over-exposed on their bright side."""
     bright = strip.levels[-1, part.where]
-    return np.count_nonzero(bright >= BRIGHT) / bright.size
+    return float(np.count_nonzero(bright >= BRIGHT) / bright.size)
 
 
 def better_width(blocks: Blocks, weight: Floats, width_px: float) -> float:

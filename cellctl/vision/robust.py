@@ -39,7 +39,7 @@ def tukey_fit(design: Floats, values: Floats, weights: Floats, rounds: int) -> F
     an equation of weight 0 stays out.
     """
     everything = np.concatenate([design.T, values[None]])
-    used = np.flatnonzero(weights)
+    (used,) = weights.nonzero()
     system, start = (everything, weights) if used.size == values.size else (everything[:, used], weights[used])
     now, limit, spread, left = start, math.inf, LEAST_SPREAD_PX, np.zeros(len(everything))
     for _ in range(rounds):

@@ -112,7 +112,8 @@ class Motions:
         except RuntimeError:
             raise Refusal(Code.MOVING) from None
         way, begins, ends = type(order).__name__, forward(plan.start), forward(plan.end)
-        self._log.add("moves", way=way, begins=begins, ends=ends, begins_s=plan.begin_s, ends_s=plan.end_s)
+        times = {"begins_s": plan.begin_s, "ends_s": plan.end_s}
+        self._log.add("moves", way=way, begins=begins, ends=ends, **times, blends=given.blends)
         self.last, self.last_blends = plan, given.blends
         self._begun(plan)
         return plan

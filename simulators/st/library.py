@@ -13,7 +13,7 @@ from simulators.st.types import BOOL, INT, TIME, Type
 
 Frame = list[Any]
 Run = Callable[[Frame], Any]
-NOWHERE = Spot(0, 0)
+NOWHERE = Spot(1, 1)  # in no program, or in no place of it
 
 
 @dataclass(slots=True)

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 
 from simulators.st.compiler import compile_program
 from simulators.st.errors import StError
-from simulators.st.library import Block, Frame, Slot, TimeBase
+from simulators.st.library import NOWHERE, Block, Frame, Slot, TimeBase
 from simulators.st.types import BOOL, Type
 
 NO_TIME_OF_ITS_OWN: Mapping[str, TimeBase] = {}
@@ -14,7 +14,7 @@ class Machine:
     """Executes the one PROGRAM of a source text. Raises StError when the source is not in the subset.
 
     Timers look at `time`, which whoever calls `scan` moves on. `time_of` gives the function blocks at these paths
-    ("client", "client.silent") another time; ValueError when there are none.
+    ("client", "client.silent") another time; StError when there are none.
     """
 
     def __init__(
@@ -27,11 +27,11 @@ class Machine:
     ) -> None:
         try:
             self._program = compile_program(source)
+            if unknown := [path for path in time_of if not isinstance(_kind(self._program, path), Block)]:
+                raise StError(NOWHERE, f"there is no function block {', '.join(unknown)} in the PROGRAM")
         except StError as error:
             error.source = name
             raise
-        if unknown := [path for path in time_of if not isinstance(_kind(self._program, path), Block)]:
-            raise ValueError(f"{name} has no function block {', '.join(unknown)}")
         self._time, self._time_of = time, dict(time_of)
         self._name = name
         self._frame: Frame = []

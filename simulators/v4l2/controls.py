@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from simulators.v4l2 import abi
 from simulators.v4l2.abi import ControlType
 
-AUTO_GAIN, GAIN = 0x00980912, 0x00980913
+AUTO_GAIN, GAIN, MIRRORED, UPSIDE_DOWN = 0x00980912, 0x00980913, 0x00980914, 0x00980915
 EXPOSURE_AUTO, EXPOSURE_ABSOLUTE, EXPOSURE_AUTO_PRIORITY = 0x009A0901, 0x009A0902, 0x009A0903
 PRIVATE = 0x00981900  # first of a driver's own controls: triggers have no standard ones
 TRIGGER_MODE, TRIGGER_SOURCE, SOFTWARE_TRIGGER = PRIVATE, PRIVATE + 1, PRIVATE + 2
@@ -44,6 +44,8 @@ def _imaging() -> list[Control]:
     return [
         Control(AUTO_GAIN, "Gain, Automatic", ControlType.BOOLEAN, 0, 1, 1, 1),
         Control(GAIN, "Gain", ControlType.INTEGER, 0, 240, 1, 0),
+        Control(MIRRORED, "Horizontal Flip", ControlType.BOOLEAN, 0, 1, 1, 0),
+        Control(UPSIDE_DOWN, "Vertical Flip", ControlType.BOOLEAN, 0, 1, 1, 0),
         Control(EXPOSURE_AUTO, "Auto Exposure", ControlType.MENU, 0, 3, 1, APERTURE_PRIORITY, automatic),
         Control(EXPOSURE_ABSOLUTE, "Exposure Time, Absolute", ControlType.INTEGER, 1, 10000, 1, 20),
         Control(EXPOSURE_AUTO_PRIORITY, "Exposure, Dynamic Framerate", ControlType.BOOLEAN, 0, 1, 1, 1),
@@ -134,6 +136,11 @@ class Controls:
     def gain_db(self) -> float:
         """In force."""
         return self._value(GAIN) * GAIN_STEP_DB
+
+    @property
+    def flips(self) -> tuple[bool, bool]:
+        """Is the picture mirrored left to right, top to bottom?"""
+        return bool(self._value(MIRRORED)), bool(self._value(UPSIDE_DOWN))
 
     @property
     def trigger(self) -> str:

@@ -57,7 +57,7 @@ def _luma_chroma(picture: Bytes) -> Bytes:
 
 
 def _jpeg(picture: Bytes) -> Bytes:
-    done, coded = cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
+    done, coded = cv2.imencode(".jpg", np.ascontiguousarray(picture), [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
     if not done:
         raise ValueError(f"a picture of {picture.shape} cannot be coded as JPEG")
     return np.asarray(coded, np.uint8).reshape(-1)

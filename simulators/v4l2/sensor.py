@@ -163,7 +163,8 @@ class Sensor:
                 f"the camera was given a picture {seen.shape} {seen.dtype}, "
                 f"and it must be {(exposure.height, exposure.width)} uint8"
             )
-        return chosen.encode(seen)
+        mirrored, upside_down = self._port.device.controls.flips
+        return chosen.encode(seen[:: -1 if upside_down else 1, :: -1 if mirrored else 1])
 
     def _deliver(self, buffer: Buffer, picture: _Picture) -> None:
         """Into the buffer, with what is wrong with it."""

@@ -1,10 +1,10 @@
 """All methods on the same pictures: errors of hole, edge and corner, and the time each takes."""
 
 import math
-import sys
 import time
 from collections import defaultdict
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -47,14 +47,28 @@ class Contest:
         self.refusals: list[str] = []
         self.distances: list[float] = []  # Mahalanobis, per root of the degrees of freedom
 
-    def run(self, regime: Regime, pictures: int, seed: int) -> None:
-        """Render so many bases and as many batteries, and show each to everybody."""
-        for number in range(pictures):
+    def run(self, regime: Regime, numbers: Iterable[int], seed: int) -> None:
+        """Render a base and a battery for each number, and show both to everybody."""
+        for number in numbers:
             rng = np.random.default_rng([seed, number])
             self._base(base_case(rng, regime))
             self._battery(battery_case(rng, regime))
-            print(f"\r{regime.name}: {number + 1} of {pictures}", end="", file=sys.stderr, flush=True)
-        print(file=sys.stderr)
+
+    def plain(self) -> dict[str, Any]:
+        """All of it as numbers, lists and dictionaries."""
+        errors = {q: {name: asdict(each) for name, each in mine.items()} for q, mine in self.errors.items()}
+        ms = {feature: dict(mine) for feature, mine in self.ms.items()}
+        return {"errors": errors, "ms": ms, "refusals": self.refusals}
+
+    def add(self, plain: dict[str, Any]) -> None:
+        """Another contest's results."""
+        self.refusals += plain["refusals"]
+        for quantity, mine in plain["errors"].items():
+            for name, errors in mine.items():
+                self.errors[quantity][name].add(Errors(**errors))
+        for feature, mine in plain["ms"].items():
+            for name, ms in mine.items():
+                self.ms[feature][name] += ms
 
     # -- a base ---------------------------------------------------------------------------------------
 

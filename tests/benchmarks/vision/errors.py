@@ -28,6 +28,12 @@ class Errors:
         self.bound.append(bound)
         self.sigma.append(sigma)
 
+    def add(self, other: "Errors") -> None:
+        self.error += other.error
+        self.bound += other.bound
+        self.sigma += other.sigma
+        self.failures += other.failures
+
 
 def hole_bound_um(case: Case) -> float:
     """Per axis: 1 / (information per px * pi * radius)."""

@@ -30,9 +30,9 @@ def line(region: LineRegion) -> Straight | None:
     if len(points) < 50:
         return None
     normal = math.atan2(region.way[1], region.way[0]) + math.pi / 2
-    reach = math.radians(THETA_REACH_DEG)
+    first = math.ceil((math.degrees(normal) - THETA_REACH_DEG) / THETA_DEG)  # the accumulator's angles are whole steps
     best = (0, 0.0, 0.0)
-    for theta in normal + np.arange(-reach, reach, math.radians(THETA_DEG)):
+    for theta in np.radians(THETA_DEG * (first + np.arange(2.0 * THETA_REACH_DEG / THETA_DEG))):
         place = np.rint((points[:, 0] * math.cos(theta) + points[:, 1] * math.sin(theta)) / RHO_PX).astype(int)
         least = int(place.min())
         count = np.bincount(place - least)

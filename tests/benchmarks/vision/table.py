@@ -32,6 +32,7 @@ def _row(errors: Errors) -> dict[str, float]:
         "noise": float(error.std()),
         "bias": float(error.mean()),
         "worst": float(np.abs(error).max()),
+        "pictures": asked,
         "failed": errors.failures / max(1, asked),
         "ratio to the bound": rms / float(np.sqrt(np.mean(bound**2))),
     }
@@ -45,7 +46,8 @@ def _ms(contest: Contest, quantity: str, method: str) -> float:
     return float(np.median(each)) * (2.0 if feature == "corner" else 1.0)
 
 
-def print_contest(regime: str, pictures: int, table: Table) -> None:
+def print_contest(regime: str, table: Table) -> None:
+    pictures = int(table[OFFSET][OURS]["pictures"])
     print(f"\n{regime}: {pictures} bases and {pictures} batteries; ms: ours finds the whole part, others one feature")
     print(HEAD)
     for quantity, rows in table.items():
@@ -61,9 +63,16 @@ def print_times(timed: dict[str, dict[str, float]]) -> None:
 
 
 def print_calibrated(result: dict[str, Any]) -> None:
-    print(f"\nvariance of error / own sigma, {result['pictures']} pictures (goal 0.8 to 1.25)")
-    for regime, quantities in result["variance of error over sigma"].items():
-        print(f"{regime:12s}" + "   ".join(f"{name} {value:.2f}" for name, value in quantities.items()))
+    print(f"\nerror against own sigma and against the bound, {result['pictures']} pictures")
+    columns = "".join(f"{name:>12s}" for name in ("variance", "> 3 sigma", "x bound", "rms", "worst", "picture"))
+    print(f"{'':12s}{'':22s}{columns}")
+    for regime, quantities in result["by regime"].items():
+        for quantity, row in quantities.items():
+            figures = f"{row['variance of error over sigma']:12.2f}{row['share beyond 3 sigma']:12.2%}"
+            if "rms" in row:
+                figures += f"{row['ratio to the bound']:12.2f}{row['rms']:12.4f}{row['worst']:12.3f}"
+                figures += f"{row['worst picture']:12.0f}"
+            print(f"{regime:12s}{quantity:22s}{figures}")
     shares = ", ".join(f"{name} {share:.2%}" for name, share in result["refused by regime"].items())
     print(f"refused: {shares}; good pictures {result['good pictures refused']:.2%}; {result['refused by check']}")
 

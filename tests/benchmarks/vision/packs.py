@@ -1,0 +1,68 @@
+"""Many pictures in packs on two processes. What is done stays on disk: an interrupted part goes on where it was."""
+
+import hashlib
+import itertools
+import json
+import sys
+from collections.abc import Callable, Iterator
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from functools import cache
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any
+
+import cv2
+
+PROCESSES, PACK = 2, 20
+DONE = Path("build/bench-vision")
+SOURCES = (
+    "cellctl/vision/*.py",
+    "simulators/*.py",
+    "tests/vision_*.py",
+    "tests/hostile_*.py",
+    "tests/benchmarks/vision/*.py",
+)
+Work = Callable[[range], Any]
+
+
+@cache
+def version() -> str:
+    """Of the finders, of what they are shown and of how they are judged: figures of another one do not count."""
+    digest = hashlib.sha256(cv2.__version__.encode())
+    for path in itertools.chain.from_iterable(sorted(Path().glob(pattern)) for pattern in SOURCES):
+        digest.update(path.read_bytes())
+    return digest.hexdigest()[:12]
+
+
+def in_packs(work: Work, pictures: int, name: str) -> Iterator[Any]:
+    """What `work` makes of each pack of numbers, as plain JSON, in any order. `work` is a function of a module."""
+    packs = [range(first, min(first + PACK, pictures)) for first in range(0, pictures, PACK)]
+    if len(packs) < 2:
+        yield from map(work, packs)
+        return
+    DONE.mkdir(parents=True, exist_ok=True)
+    path = DONE / f"{name}-{version()}.jsonl"
+    done = _read(path)
+    left = [pack for pack in packs if (pack.start, pack.stop) not in done]
+    yield from (done[pack.start, pack.stop] for pack in packs if pack not in left)
+    with ProcessPoolExecutor(PROCESSES, get_context("spawn")) as pool, path.open("a", encoding="utf-8") as file:
+        tasks = {pool.submit(work, pack): pack for pack in left}
+        shown = pictures - sum(map(len, left))
+        for task in as_completed(tasks):
+            pack = tasks[task]
+            file.write(json.dumps([pack.start, pack.stop, task.result()]) + "\n")
+            file.flush()
+            shown += len(pack)
+            print(f"\r{name}: {shown} of {pictures}", end="", file=sys.stderr, flush=True)
+            yield task.result()
+    print(file=sys.stderr)
+
+
+def _read(path: Path) -> dict[tuple[int, int], Any]:
+    """Results of an earlier run; a line that was cut off does not count."""
+    done = {}
+    for line in path.read_text("utf-8").splitlines(keepends=True) if path.exists() else ():
+        if line.endswith("\n"):
+            first, last, result = json.loads(line)
+            done[first, last] = result
+    return done
