@@ -4,10 +4,11 @@ VENV := .venv
 PEERS := build/peers-venv
 STAMP := $(VENV)/.installed
 PACKAGES := libaravis-0.8-0
+BENCH_PACKAGES := gcc libc6-dev libmodbus-dev
 VM_PACKAGES := qemu-system-x86 busybox-static v4l-utils
 COMPILE := --quiet --universal --python-version 3.11 --generate-hashes --no-annotate --no-header
 
-.PHONY: help demo test lint format lock clean bench-budget bench-recipe bench-calibration bench-teaching bench-vision bench-geometry-signs bench-robot fuzz-robot fuzz-modbus node-peer
+.PHONY: help demo test lint format lock clean bench-budget bench-recipe bench-calibration bench-teaching bench-vision bench-geometry-signs bench-robot bench-plc bench-plc-program bench-reaction fuzz-robot fuzz-modbus node-peer
 
 help:
 	@echo "make demo          the whole cell on simulators, live in this terminal (options: DEMO='--speed 1 --units 20')"
@@ -20,7 +21,10 @@ help:
 	@echo "make bench-geometry-signs  a sign error planted in every term of geometry.py: the whole-cell tests notice each"
 	@echo "make bench-robot   the robot driver's round trips against a bare client, its processor time, lines parsed"
 	@echo "make test-vm       the V4L2 driver against the Linux kernel's own test camera, in a virtual machine"
-	@echo "make fuzz-robot    a million broken inputs at both simulated robot controllers"
+	@echo "make bench-plc     the PLC driver beside libmodbus and pymodbus, cost of a 10 ms scan, 10,000 bad answers"
+	@echo "make bench-reaction  emergency stop bit in the PLC to the last byte at the robot, 1,000 times, beside 5 MP vision"
+	@echo "make bench-plc-program  10,000 commands to the PLC program over a bad wire, each executed once; time of a scan"
+	@echo "make fuzz-robot    a million broken inputs at both simulated robot controllers, and at all that the driver reads"
 	@echo "make fuzz-modbus   a million broken frames at the Modbus parser of each side"
 	@echo "make node-peer     one more foreign Modbus client and server for the tests (needs npm)"
 	@echo "make format        format the code"
@@ -63,6 +67,13 @@ $(PEERS)/.installed: tests/benchmarks/vision/requirements.txt
 	$(PEERS)/bin/pip install --quiet --disable-pip-version-check -r $<
 	@touch $@
 
+bench-plc: $(STAMP)
+	@sh deploy/packages.sh $(BENCH_PACKAGES)
+	$(VENV)/bin/python -m tests.benchmarks.bench_plc
+
+bench-reaction: $(STAMP)
+	$(VENV)/bin/python -m tests.benchmarks.bench_reaction
+
 bench-robot: $(STAMP)
 	$(VENV)/bin/python -m tests.benchmarks.bench_robot
 
@@ -72,8 +83,12 @@ test-vm: $(STAMP)
 
 .PHONY: test-vm
 
+bench-plc-program: $(STAMP)
+	$(VENV)/bin/python -m tests.benchmarks.bench_plc_program
+
 fuzz-robot: $(STAMP)
 	$(VENV)/bin/python -m tests.benchmarks.fuzz_robot
+	$(VENV)/bin/python -m tests.benchmarks.fuzz_robot_driver
 
 fuzz-modbus: $(STAMP)
 	$(VENV)/bin/python -m tests.benchmarks.fuzz_modbus

@@ -9,9 +9,10 @@ import contextlib
 from collections.abc import Coroutine, Sequence
 
 from drivers.errors import Collision, DeviceError, Garbled, NoAnswer, Refused
-from drivers.exchange import FileOut, Operation, Question, Waiting
+from drivers.exchange import FileOut, Operation, Question
 from drivers.link import LineLink
-from drivers.rcx import CONTROL, HOLD, STOP, Code, Kind, classify, parse_failure
+from drivers.listener import Listener
+from drivers.rcx import HOLD, STOP, Code, Kind
 from drivers.rcx_dialect import Dialect
 
 ANSWER_S = 1.0
@@ -23,7 +24,6 @@ MOST_SILENCES = 20
 LATE_S = 0.01  # what has arrived while this process was busy is not late
 FILE_SILENCE_S = 2.0
 LINE_S = 0.02  # in which the controller takes a line of a file
-QUESTION_GROUPS = (0, 4, 5, 14)  # codes that a query or a setting can earn
 
 
 async def uncancelled(work: Coroutine[None, None, None]) -> None:
@@ -48,14 +48,9 @@ class Conversation:
         self._dialect = dialect
         self._grammar = dialect.grammar
         self._link = LineLink(address, device=device)
-        self._question: Question | FileOut | None = None
-        self._operation: Operation | None = None
+        self._listener = Listener(dialect, self.refusal, self.garbled)
         self._asking = asyncio.Lock()
-        self._greeted = asyncio.Event()
         self._reader: asyncio.Task[None] | None = None
-        self._lines_heard = 0
-        self._last_kind = Kind.NOTHING
-        self._sent = ""
 
     @property
     def is_open(self) -> bool:
@@ -71,14 +66,14 @@ class Conversation:
         """Connect and begin to read; raises LinkLost."""
         await self.close()
         await self._link.open()
-        self._greeted.clear()
         self._grammar = self._dialect.grammar
+        self._listener = Listener(self._dialect, self.refusal, self.garbled)
         self._reader = asyncio.create_task(self._read(), name=f"{self.device} reader")
 
     async def close(self) -> None:
         """Stop what runs, take leave as the dialect wants it, hang up; whoever waits for an answer gets LinkLost."""
-        if self._operation is not None and self.is_open:
-            await self._abort(self._operation, trusted=True)
+        if self._listener.operation is not None and self.is_open:
+            await self._abort(self._listener.operation, trusted=True)
         with contextlib.suppress(DeviceError):
             if self.is_open and self._dialect.good_bye and not self.is_serial:
                 self._link.send(self._dialect.good_bye)
@@ -94,7 +89,7 @@ class Conversation:
             self._link.send("")  # ends a file that was half way in
             await self._silence()
         elif self._reader is not None:
-            greeted = asyncio.create_task(self._greeted.wait())
+            greeted = asyncio.create_task(self._listener.greeted.wait())
             try:
                 waiting = (greeted, self._reader)
                 await asyncio.wait(waiting, timeout=self._dialect.greeting_s, return_when=asyncio.FIRST_COMPLETED)
@@ -108,7 +103,7 @@ class Conversation:
             return
         await self.ask(line)
         await self._silence()
-        if self._last_kind is Kind.OK:
+        if self._listener.last_kind is Kind.OK:
             self._grammar = self._grammar._replace(ok_after_data=True)
 
     # -- questions ---------------------------------------------------------------------------------------
@@ -129,7 +124,7 @@ class Conversation:
     async def fetch(self, line: str) -> list[str]:
         """READ a file: its lines, without BEGIN and END. Raises as `ask`."""
         async with self._asking:
-            question = self._question = Question(line, Kind.END)
+            question = self._listener.question = Question(line, Kind.END)
             try:
                 self._send(line)
                 return await self._file(question)
@@ -138,12 +133,12 @@ class Conversation:
                     self._link.poison("a file did not come whole")
                 raise
             finally:
-                self._question = None
+                self._listener.question = None
 
     async def store(self, line: str, content: Sequence[str]) -> None:
         """WRITE a file; it takes its place when the last line has come. Raises as `ask`."""
         async with self._asking:
-            upload = self._question = FileOut(line)
+            upload = self._listener.question = FileOut(line)
             try:
                 await self._upload(upload, content)
             except BaseException as error:
@@ -151,11 +146,11 @@ class Conversation:
                     self._link.poison("a file did not go whole")
                 raise
             finally:
-                self._question = None
+                self._listener.question = None
 
     async def _put(self, question: Question, within_s: float) -> list[str]:
         async with self._asking:
-            self._question = question
+            self._listener.question = question
             try:
                 self._send(question.line)
                 await self._wait(question.done, within_s, f"no answer to {question.line}")
@@ -163,7 +158,7 @@ class Conversation:
                 await uncancelled(self._let_come(question))
                 raise
             finally:
-                self._question = None
+                self._listener.question = None
             return question.data
 
     # -- operations --------------------------------------------------------------------------------------
@@ -175,7 +170,7 @@ class Conversation:
         Raises Refused, NoAnswer, LinkLost, Garbled.
         """
         for pause_s in BUSY_PAUSES_S:
-            operation = self._operation = Operation(line)
+            operation = self._listener.operation = Operation(line)
             try:
                 await self._operate(operation, within_s)
                 return
@@ -186,7 +181,7 @@ class Conversation:
                 await uncancelled(self._abort(operation, trusted=not isinstance(error, NoAnswer)))
                 raise
             finally:
-                self._operation = None
+                self._listener.operation = None
             await asyncio.sleep(pause_s)
 
     async def _operate(self, operation: Operation, within_s: float) -> None:
@@ -223,7 +218,7 @@ class Conversation:
     # -- sending and waiting -----------------------------------------------------------------------------
 
     def _send(self, line: str) -> None:
-        self._sent = line
+        self._listener.sent = line
         self._link.send(line)
 
     async def _wait(
@@ -267,9 +262,9 @@ class Conversation:
 
     async def _silence(self) -> None:
         for _ in range(MOST_SILENCES):
-            heard = self._lines_heard
+            heard = self._listener.heard
             await asyncio.sleep(SILENCE_S)
-            if self._lines_heard == heard:
+            if self._listener.heard == heard:
                 return
 
     async def _hung_up(self) -> None:
@@ -292,53 +287,10 @@ class Conversation:
         if not (trusted and operation.finished.done()):
             self._link.poison("an operation did not end in time")
 
-    # -- hearing -----------------------------------------------------------------------------------------
-
     async def _read(self) -> None:
+        listener = self._listener
         try:
             while True:
-                self._take(await self._link.line())
+                listener.take(await self._link.line())
         except DeviceError as error:
-            for waiting in (self._question, self._operation):
-                if waiting is not None:
-                    waiting.fail(error)
-
-    def _take(self, line: str) -> None:
-        self._lines_heard += 1
-        text = line.translate(CONTROL).strip()
-        if self._sent and text == self._sent:
-            return  # an echo; no answer begins with @
-        self._last_kind = kind = classify(text)
-        question = self._question
-        if question is not None and question.takes(kind, text):
-            if question.overflows:
-                question.fail(self.garbled(question.line, question.data))
-        elif kind is Kind.NOTHING:
-            self._greeted.set()
-        elif kind is Kind.FAILURE:
-            self._take_failure(text)
-        elif self._operation is not None:
-            self._operation.take(kind, run_before_end=self._grammar.run_before_end)
-
-    def _take_failure(self, line: str) -> None:
-        code = parse_failure(line)
-        waiting = self._who_failed(code)
-        if waiting is None:
-            return
-        if code is None:
-            waiting.fail(self.garbled(waiting.line, [line]))
-        else:
-            waiting.fail(self.refusal(code, f"{waiting.line}: {self._dialect.meaning(code)}"))
-
-    def _who_failed(self, code: Code | None) -> Waiting | None:
-        question, operation = self._question, self._operation
-        if question is None or question.done.done():
-            return operation
-        if operation is None or operation.finished.done():
-            # a stop may still be reported for a motion that an earlier conversation had begun
-            return None if code is not None and self._dialect.is_event(code) else question
-        return question if code is not None and _of_question(code) and not question.data else operation
-
-
-def _of_question(code: Code) -> bool:
-    return code.group in QUESTION_GROUPS or (code.group == 6 and 200 <= code.number < 300)
+            listener.fail(error)

@@ -156,7 +156,7 @@ class Plc:
         self, *, machine_state: int, good: int, rejected: int, red: bool, amber: bool, green: bool, buzzer: bool
     ) -> None:
         """Machine state, counts and signal tower; goes out with the next exchange."""
-        self._scan.shown = Shown(machine_state & 0xFFFF, good & 0xFFFF, rejected & 0xFFFF)
+        self._scan.shown = CellWords(machine_state=machine_state, good=good, rejected=rejected)
         lamps = ((Output.RED, red), (Output.AMBER, amber), (Output.GREEN, green), (Output.BUZZER, buzzer))
         for lamp, on in lamps:
             self._put(lamp, on)

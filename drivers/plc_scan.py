@@ -20,7 +20,7 @@ from drivers.plc_layout import PlcAddress
 from drivers.plc_orders import Orders
 from drivers.plc_picture import DEVICE, PlcPicture, read_picture
 from drivers.plc_port import PlcPort
-from drivers.plc_registers import RESERVED, WRITE_COUNT, CellWords, Command, Output, PlcImage
+from drivers.plc_registers import WRITE_COUNT, CellWords, Command, Output, PlcImage
 from drivers.plc_tags import Packet, Seen
 
 ANSWER_SHARE = 0.8  # an answer is waited for so long, in parts of the age at which a picture is stale
@@ -216,7 +216,7 @@ class PlcScan:
         self._heartbeat = (self._heartbeat + 1) & 0xFFFF
         sequence, command, argument = self._orders.shown(image, self._picture.ours(image))
         shown = self.shown
-        words = [
+        words = CellWords(
             self._heartbeat,
             self._session,
             shown.machine_state,
@@ -227,8 +227,7 @@ class PlcScan:
             self.taken,
             shown.good,
             shown.rejected,
-            *RESERVED,
-        ]
+        ).encode()
         self._written.take(words, time.monotonic())
         return words
 

@@ -157,11 +157,15 @@ class V4l2Camera:
             raise self._meaning(error) from error
 
     async def next_frame(self, *, within_s: float = 1.0) -> Frame:
-        """The next picture by the line, or the newest in free run. Raises FrameLost, NoAnswer, LinkLost, Refused."""
+        """The next picture by the line, or the newest in free run. Others may have their turn while it is awaited.
+
+        Raises FrameLost, NoAnswer, LinkLost, Refused.
+        """
         connection = None
         try:
-            async with asyncio.timeout(within_s), self._turn:
-                connection = self._open_connection()
+            async with asyncio.timeout(within_s):
+                async with self._turn:
+                    connection = self._open_connection()
                 return await connection.next_frame()
         except TimeoutError:
             raise self._nothing_came(connection, within_s) from None

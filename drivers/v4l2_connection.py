@@ -194,9 +194,13 @@ class Connection:
         inbox = self._armed_for(Trigger.LINE, Trigger.FREE)
         picture = await inbox.next()
         try:
-            return await self._frame(picture)
+            frame = await self._frame(picture)
         finally:
-            self._give_back(picture.filled.buffer)
+            if self.inbox is inbox:
+                self._give_back(picture.filled.buffer)
+        if self.inbox is not inbox:  # its buffer may have been filled anew meanwhile
+            raise LinkLost(self._wanted.name, f"{self._wanted.path} was armed anew")
+        return frame
 
     def _armed_for(self, *triggers: Trigger) -> Inbox:
         if self.inbox is None or self.inbox.trigger not in triggers:

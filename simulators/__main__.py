@@ -71,6 +71,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--robot-dialect", choices=("rcx3", "rcx2"), default="rcx3", help="an RCX340 or an RCX240")
     parser.add_argument("--camera-1", default="127.0.0.2", metavar="IP|PATH", help="GigE Vision, or a V4L2 file")
     parser.add_argument("--camera-2", default="127.0.0.3", metavar="IP|PATH", help="the same")
+    parser.add_argument("--no-trigger", action="store_true", help="V4L2 cameras run free only, as USB cameras do")
     parser.add_argument("--pictures", type=Path, help="folder that gets every picture that a camera takes, as TIFF")
     parser.add_argument("--person", type=Path, help="unix socket for the person at the cell (JSON lines)")
     return parser
@@ -86,6 +87,7 @@ def _addresses(options: argparse.Namespace) -> Addresses:
         robot_port=robot_port,
         camera_1=options.camera_1,
         camera_2=options.camera_2,
+        video_triggers=not options.no_trigger,
         robot_serial_baud=options.robot_serial,
         robot_dialect=options.robot_dialect,
     )

@@ -17,6 +17,7 @@ from simulators.v4l2 import Device, V4l2CameraServer
 from simulators.world import World
 
 VACUUM_SWITCH_KPA = -40.0
+VIDEO_RATE_HZ = 5.0  # what USB 2 carries of five megapixels
 CameraServer = GigeCameraServer | V4l2CameraServer
 
 
@@ -34,6 +35,7 @@ class Addresses:
     robot_port: int = 10023
     camera_1: str = "127.0.0.2"
     camera_2: str = "127.0.0.3"
+    video_triggers: bool = True  # V4L2 cameras can be triggered; most USB cameras cannot
     robot_serial_baud: int | None = None  # also on a serial line (a pseudo terminal), paced like this baud rate
     robot_dialect: Literal["rcx3", "rcx2"] = "rcx3"  # an RCX340, or an RCX240
 
@@ -56,11 +58,11 @@ def robot_wiring(world: World) -> Wiring:
     )
 
 
-def _camera(number: int, address: str, eye: Eye, world: World) -> CameraServer:
+def _camera(number: int, address: str, eye: Eye, world: World, *, triggers: bool) -> CameraServer:
     serial = f"SIM-CAM-{number}"
     if not address or address.startswith("/"):
-        path = Path(address) if address else None
-        return V4l2CameraServer(Device(serial), eye, world.clock, path=path)
+        device = Device(serial, triggers=triggers, rate_hz=VIDEO_RATE_HZ)
+        return V4l2CameraServer(device, eye, world.clock, path=Path(address) if address else None)
     return GigeCameraServer(address, serial, eye, world.clock, name=f"camera {number}")
 
 
@@ -91,7 +93,7 @@ class SimulatedCell:
         )
         self._eyes = Eye(world, 1, album), Eye(world, 2, album)
         self.cameras: dict[int, CameraServer] = {
-            number: _camera(number, address, eye, world)
+            number: _camera(number, address, eye, world, triggers=addresses.video_triggers)
             for number, (address, eye) in enumerate(
                 zip((addresses.camera_1, addresses.camera_2), self._eyes, strict=True), 1
             )

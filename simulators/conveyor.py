@@ -69,17 +69,17 @@ class Conveyor:
 
     def put(self) -> None:
         """A person sets a carrier down at the station and clamps it."""
-        self.occupied, self.leaving = True, False
+        self.leaving = False
         self._mark_mm = self._belt.ran_mm()
         self._clamp_since_s = self._now() - CLAMP_S
-        self._beam_changes(self._now())
+        self._stand(True, self._now())
 
     def remove(self) -> None:
         """A person takes the carrier away."""
-        self.occupied = self.leaving = False
+        self.leaving = False
         self._clamp_since_s = None
         self._mark_mm = self._belt.ran_mm()
-        self._beam_changes(self._now())
+        self._stand(False, self._now())
 
     def inject(self, fault: Fault, on: bool = True) -> None:
         """Make something go wrong, or well again."""
@@ -91,13 +91,12 @@ class Conveyor:
     def step(self) -> Event | None:
         """What has happened since the last call, one thing at a time."""
         if self.leaving and self._clamp_since_s is None and self._has_run(LEAVE_MM):
-            self.occupied = self.leaving = False
+            self.leaving = False
+            self._happened(False, LEAVE_MM)
             self._apart_mm = APART_MM + self._rng.uniform(-APART_SCATTER_MM, APART_SCATTER_MM)
-            self._happened(LEAVE_MM)
             return "left"
         if not self.occupied and "stuck" not in self._faults and self._has_run(self._apart_mm):
-            self.occupied = True
-            self._happened(self._apart_mm)
+            self._happened(True, self._apart_mm)
             return "arrived"
         return None
 
@@ -115,11 +114,13 @@ class Conveyor:
     def _has_run(self, mm: float) -> bool:
         return self._belt.ran_mm() - self._mark_mm >= mm
 
-    def _happened(self, after_mm: float) -> None:
+    def _happened(self, occupied: bool, after_mm: float) -> None:
         self._mark_mm += after_mm
-        self._beam_changes(self._belt.reaches_s(self._mark_mm))
+        self._stand(occupied, self._belt.reaches_s(self._mark_mm))
 
-    def _beam_changes(self, at_s: float) -> None:
-        self._beam_changed_s = at_s
-        self._bounce_s = self._rng.uniform(0.2, 1.0) * BOUNCE_S
-        self._bounces = int(self._rng.integers(1, MOST_BOUNCES + 1))
+    def _stand(self, occupied: bool, since_s: float) -> None:
+        """A carrier breaks the light beam, or none does any more; the switch chatters."""
+        if occupied != self.occupied:
+            self.occupied, self._beam_changed_s = occupied, since_s
+            self._bounce_s = self._rng.uniform(0.2, 1.0) * BOUNCE_S
+            self._bounces = int(self._rng.integers(1, MOST_BOUNCES + 1))

@@ -135,6 +135,8 @@ def _server(given: argparse.Namespace, show: Callable[[Exposure], Picture]) -> S
 
 
 async def _serve(given: argparse.Namespace, show: Callable[[Exposure], Picture]) -> None:
+    once = Exposure(0.0, NOMINAL_EXPOSURE_US, 0.0, 0, 0, given.width, given.height)
+    await asyncio.to_thread(show, once)  # the first picture takes long
     async with AsyncExitStack() as stack:
         server = _server(given, show)
         await stack.enter_async_context(server)

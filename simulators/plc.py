@@ -3,6 +3,7 @@
 import asyncio
 import contextlib
 import inspect
+import sys
 import time
 from collections.abc import Callable, Iterator, MutableMapping
 from typing import Protocol
@@ -191,6 +192,7 @@ class PlcServer:
         except StFault as fault:  # what a PLC does then: STOP until power comes anew
             self.fault = fault
             self._fault_program_stop()
+            print(f"simulated PLC: {fault}; it is in STOP", file=sys.stderr)
         finally:
             self._scanning = False
         self.memory.update(self._overrides)

@@ -14,6 +14,7 @@ from simulators.suction import Suction
 SCAN_S = 0.01
 BRING, RELEASE_GOOD, RELEASE_REJECT, STOP, RESET = range(1, 6)
 OK, WRONG_STATE, UNKNOWN, TIMED_OUT, FAULT, NOT_YOUR_SESSION = range(6)
+STARTING, READY, RUNNING, SILENT, IN_FAULT, EMERGENCY = range(6)
 
 
 class Station:

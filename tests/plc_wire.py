@@ -17,6 +17,8 @@ from tests.fault_proxy import FaultProxy, proxied
 from tests.plc_belt import Belt, powered, running
 from tests.wire_trouble import Trouble, modbus_frames
 
+READY_S = 10.0  # also when this computer is busy
+
 
 class Written(NamedTuple):
     """Registers 0..15 as one request carried them."""
@@ -47,6 +49,7 @@ class WiredCell:
     proxy: FaultProxy
     plc: Plc
     executed: list[Exchange] = field(default_factory=list)  # by the server, in its order
+    late_s: float = 0.0  # the longest that this busy computer has kept a timer waiting
 
     def commands_executed(self) -> list[tuple[int, int]]:
         """(sequence, command) as the PLC met each for the first time."""
@@ -58,12 +61,12 @@ class WiredCell:
         sent = [written(p.message) for p in self.proxy.record if p.direction == "up" and p.at_s > at_s]
         return {(w.sequence, w.command) for w in sent if w is not None and w.command}
 
-    def truth_age_s(self, image: PlcImage) -> float:
-        """How long ago the PLC answered with exactly this picture; fails when it never did."""
+    def truth_age_s(self, image: PlcImage, at_s: float) -> float:
+        """How long before `at_s` the PLC answered with exactly this picture; fails when it never did."""
         for exchange in reversed(self.executed):
             words = exchange.answer[2:] if exchange.answer else b""
             if words == struct.pack(">32H", *image.words):
-                return time.monotonic() - exchange.at_s
+                return at_s - exchange.at_s
         raise AssertionError(f"the PLC never answered {image}")
 
     @contextmanager
@@ -82,6 +85,13 @@ class WiredCell:
         yield
         self.server.modbus.listener = self.executed.append
         assert done, "no new command came"
+
+    async def watch_lateness(self) -> None:
+        """Bounds are those of a computer that has time for us."""
+        while True:
+            began_s = time.monotonic()
+            await asyncio.sleep(0.01)
+            self.late_s = max(self.late_s, time.monotonic() - began_s - 0.01)
 
     async def trouble_within(self, within_s: float) -> tuple[float, DeviceError]:
         """Wait until the driver's picture is worthless: after how many seconds, and why."""
@@ -105,8 +115,12 @@ async def wired(speed: float = 20.0, *, seed: int = 1, **options: Any) -> AsyncI
     ):
         cell = WiredCell(belt, server, proxy, plc)
         server.modbus.listener = cell.executed.append
-        await plc.ready(within_s=3)
-        yield cell
+        await plc.ready(within_s=READY_S)
+        lateness = asyncio.create_task(cell.watch_lateness())
+        try:
+            yield cell
+        finally:
+            lateness.cancel()
 
 
 Provoke = Callable[[WiredCell], object]

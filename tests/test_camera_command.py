@@ -14,9 +14,10 @@ import cv2
 import numpy as np
 import pytest
 
+from cellctl.desk.live_view import STRIP_PX
 from cellctl.pictures.files import read_picture
 from tests.command_line import Ended, run
-from tests.gige_rig import FULL, Rig, fresh_ip, rig, setup
+from tests.gige_rig import SMALL, Rig, fresh_ip, rig, setup
 
 CELL = Path(__file__).parent.parent / "deploy" / "simulated-cell.toml"
 
@@ -33,11 +34,9 @@ class Desk(NamedTuple):
 
 def cell(folder: Path, *changes: tuple[str, str]) -> Path:
     text = CELL.read_text()
-    for old, new in [
-        ("../build/simulated-cell", str(folder)),
-        ("../recipes", str(CELL.parent.parent / "recipes")),
-        *changes,
-    ]:
+    folders = [("../build/simulated-cell", str(folder)), ("../recipes", str(CELL.parent.parent / "recipes"))]
+    small = [("= 2592", f"= {SMALL[0]}"), ("= 1944", f"= {SMALL[1]}"), ("mm_per_px = 0.007333", "mm_per_px = 0.03")]
+    for old, new in [*folders, *small, *changes]:
         assert old in text
         text = text.replace(old, new)
     path = folder / "cell.toml"
@@ -47,7 +46,7 @@ def cell(folder: Path, *changes: tuple[str, str]) -> Path:
 
 @asynccontextmanager
 async def desk(folder: Path, *changes: tuple[str, str], absent: bool = False) -> AsyncIterator[Desk]:
-    async with rig(FULL, speed=50) as r:
+    async with rig(SMALL, speed=50) as r:
         address = fresh_ip() if absent else r.server.ip
         serial = ('serial = "SIM-CAM-1"', 'serial = "SN1"')
         elsewhere = ('"127.0.0.3"', f'"{fresh_ip()}"')
@@ -72,7 +71,7 @@ async def test_info_tells_formats_and_region_while_another_program_is_at_work(tm
         told = json.loads((await d.camera("info", 1, "--json")).out)
         shown = await d.camera("info", 1)
         assert d.r.scene.was_seen_in(await camera.grab())
-    assert (told["serial"], told["sensor_width_px"], told["exposure_us"]) == ("SN1", 2592, 1000)
+    assert (told["serial"], told["sensor_width_px"], told["exposure_us"]) == ("SN1", 640, 1000)
     assert "Mono12p" in told["pixel_formats"]
     assert told["free"] is False
     assert re.search(r"^free +no, another program controls it$", shown.out, re.MULTILINE)
@@ -94,7 +93,7 @@ async def test_snap_writes_what_the_sensor_saw(tmp_path: Path):
 
 
 async def test_a_deep_picture_keeps_its_bits_in_the_file_and_measures_alike(tmp_path: Path):
-    deep = np.random.default_rng(3).integers(0, 1 << 16, FULL[::-1], dtype=np.uint16)
+    deep = np.random.default_rng(3).integers(0, 1 << 16, SMALL[::-1], dtype=np.uint16)
     async with desk(tmp_path, ('lens = "telecentric" ', 'pixel_format = "Mono12p"\nlens = "telecentric" ')) as d:
         d.r.server._imaging._picture = lambda _exposure: deep
         assert (await d.camera("snap", 1, "--out", tmp_path / "deep.png", "--deep")).code == 0
@@ -141,7 +140,7 @@ async def test_set_address_moves_a_camera_and_says_how_to_keep_it_there(tmp_path
         d.r.server.registers._memory[216:232] = serial.encode().ljust(16, b"\0")
         there, elsewhere = fresh_ip(), fresh_ip()
         moved = await asyncio.to_thread(run, "camera", "set-address", serial, there)
-        async with d.r.open_camera(setup(FULL, serial)) as camera:
+        async with d.r.open_camera(setup(SMALL, serial)) as camera:
             assert d.r.scene.was_seen_in(await camera.grab())
             kept = await asyncio.to_thread(run, "camera", "set-address", serial, elsewhere)
         back = await asyncio.to_thread(run, "camera", "set-address", serial, elsewhere, "--json")
@@ -203,7 +202,7 @@ async def test_check_says_where_a_camera_is_that_is_not_where_it_should_be(tmp_p
 async def test_a_folder_is_a_camera_too(tmp_path: Path):
     folder = tmp_path / "pictures"
     folder.mkdir()
-    pictures = np.random.default_rng(5).integers(0, 256, (2, *FULL[::-1]), dtype=np.uint8)
+    pictures = np.random.default_rng(5).integers(0, 256, (2, *SMALL[::-1]), dtype=np.uint8)
     for number, pixels in enumerate(pictures):
         cv2.imwrite(str(folder / f"{number}.png"), pixels)
     changes = ('driver = "gige"\naddress = "127.0.0.2"', 'driver = "files"\naddress = "file:pictures"')
@@ -233,7 +232,7 @@ async def test_live_serves_the_camera_to_a_browser_of_this_computer(tmp_path: Pa
         content = await page(port, "/picture.jpg")
         ended = await watching
     shown = cv2.imdecode(np.frombuffer(content.partition(b"\r\n\r\n")[2], np.uint8), cv2.IMREAD_GRAYSCALE)
-    assert shown.shape == (1944 // 2 + 26, 2592 // 2)
+    assert shown.shape == (SMALL[1] + STRIP_PX, SMALL[0])
     assert json.loads(ended.out) == {"url": f"http://127.0.0.1:{port}/"}
 
 

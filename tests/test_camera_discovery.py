@@ -5,7 +5,7 @@ import struct
 from ipaddress import IPv4Interface
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drivers import gvcp, network
@@ -44,11 +44,13 @@ async def test_a_camera_is_found_by_its_address_and_one_that_is_silent_is_not():
 
 
 @given(st.binary(max_size=300), st.integers(1, 0xFFFF))
+@settings(max_examples=40, deadline=None)
 def test_whatever_answers_is_a_camera_or_nothing(datagram: bytes, number: int):
     assert gvcp.answer(datagram, number) is None or len(datagram) >= 256
 
 
 @given(st.binary(min_size=248, max_size=248), st.integers(1, 0xFFFF))
+@settings(max_examples=40, deadline=None)
 def test_damaged_answers_never_reach_a_terminal_as_they_are(body: bytes, number: int):
     found = gvcp.answer(struct.pack(">HHHH", 0, 3, 248, number) + body, number)
     for text in [] if found is None else [found.vendor, found.model, found.version, found.serial, found.user_name]:
@@ -56,6 +58,7 @@ def test_damaged_answers_never_reach_a_terminal_as_they_are(body: bytes, number:
 
 
 @given(TEXT, TEXT, st.ip_addresses(v=4), st.integers(0, 32))
+@settings(max_examples=40, deadline=None)
 def test_an_answer_says_what_the_camera_is(model: str, serial: str, address, prefix: int):
     interface = IPv4Interface(f"{address}/{prefix}")
     body = bytearray(248)

@@ -6,7 +6,7 @@ import re
 import cv2
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cellctl.desk import live_http
@@ -87,12 +87,14 @@ async def test_a_page_of_the_internet_cannot_look_through_the_camera(request_tex
 
 
 @given(st.binary(max_size=300))
+@settings(max_examples=40, deadline=None)
 def test_any_bytes_are_a_request_or_refused(head: bytes):
     asked = parsed(head)
     assert asked.refused or asked.path.startswith("/")
 
 
 @given(st.text(max_size=40), st.text(max_size=40))
+@settings(max_examples=40, deadline=None)
 def test_only_requests_for_this_computer_are_answered(path: str, host: str):
     asked = parsed(f"GET /{path} HTTP/1.1\r\nHost: {host}\r\n\r\n".encode("utf-8", "replace"))
     if not asked.refused:
@@ -129,6 +131,7 @@ async def test_a_viewer_that_is_slow_gets_the_newest_picture_next():
 
 
 @given(st.integers(1, 300), st.integers(1, 300), st.integers(1, 200), st.integers(3, 60))
+@settings(max_examples=40, deadline=None)
 def test_a_terminal_never_gets_more_than_it_has_room_for(height: int, width: int, columns: int, lines: int):
     pixels = np.random.default_rng(1).integers(0, 256, (height, width), dtype=np.uint8)
     text = drawn(pixels, columns, lines, "caption")

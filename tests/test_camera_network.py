@@ -5,7 +5,7 @@ from ipaddress import IPv4Address, IPv4Interface
 from pathlib import Path
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cellctl.cli.camera import camera
@@ -92,6 +92,7 @@ def test_small_packets_on_a_card_that_takes_large_ones_point_at_the_switch():
     ),
     st.ip_addresses(v=4),
 )
+@settings(max_examples=40, deadline=None)
 def test_any_card_gets_a_judgement_and_what_is_wrong_a_remedy(nic: Nic | None, address: IPv4Address):
     findings = list(network_findings("camera 1", address, nic))
     assert findings

@@ -58,7 +58,7 @@ def payload_of(pixel_format: PixelFormat, size: tuple[int, int], seed: int) -> n
 
 @pytest.mark.parametrize("pixel_format", FORMATS, ids=lambda each: each.name)
 @given(size=SIZES, seed=st.integers(0, 2**32))
-@settings(max_examples=30)
+@settings(max_examples=40, deadline=None)
 def test_every_format_is_unpacked_as_its_standard_draws_it(pixel_format: PixelFormat, size: tuple[int, int], seed: int):
     if pixel_format.name == "Y10P":
         size = 4 * size[0], size[1]  # MIPI lines are whole groups
@@ -76,6 +76,7 @@ def test_every_format_is_unpacked_as_its_standard_draws_it(pixel_format: PixelFo
 
 
 @given(size=SIZES, seed=st.integers(0, 2**32), name=st.sampled_from(sorted(PIXEL_FORMATS)))
+@settings(max_examples=40, deadline=None)
 def test_what_the_simulated_sensor_packs_is_unpacked_again(size: tuple[int, int], seed: int, name: str):
     seen = np.random.default_rng(seed).integers(0, 1 << 16, size[::-1], dtype=np.uint16)
     pixel_format = BY_NAME[name]
@@ -85,6 +86,7 @@ def test_what_the_simulated_sensor_packs_is_unpacked_again(size: tuple[int, int]
 
 
 @given(st.sampled_from(FORMATS), SIZES, st.integers(0, 400))
+@settings(max_examples=40, deadline=None)
 def test_too_many_or_too_few_bytes_are_refused(pixel_format: PixelFormat, size: tuple[int, int], count: int):
     if count == pixel_format.bytes_for(*size):
         return

@@ -3,27 +3,28 @@
 The failures P1..P12 of the failure catalogue. Judged by what was on the wire (the proxy's record), what the PLC
 executed (its server's) and what the belt did, never by what the driver says of itself. Of the twelve, a switch that
 bounces or sees something for a moment (P7, P8) is in test_plc.py, a carrier without a base (P11) in
-test_whole_faults.py, a lost answer (P12) also in test_plc_exactly_once.py. Cases that only wait run together.
+test_whole_faults.py, late and damaged answers also in test_plc_answers.py, lost ones in test_plc_exactly_once.py. Cases
+that only wait run together.
 """
 
 import asyncio
-import contextlib
-import struct
 import time
+from pathlib import Path
 from typing import NamedTuple
 
 import pytest
 
 from cellctl.faults import sentence
 from drivers.errors import DeviceError, Garbled, LinkLost, Mismatch, NoAnswer, Refused
-from drivers.modbus_frames import NotTheAnswer, Question, read, read_write, write
 from drivers.plc import Plc
-from simulators.modbus_bank import Bank, Table
-from tests.modbus_wire import serving
+from simulators.plc import PlcServer
+from simulators.product import load_product
+from simulators.world import World
 from tests.plc_belt import eventually, running
-from tests.plc_wire import Provoke, WiredCell, down, together, wired
+from tests.plc_wire import READY_S, Provoke, WiredCell, down, together, wired
 from tests.wire_trouble import Trouble
 
+ROOT = Path(__file__).resolve().parent.parent
 LINK_S, STALE_S = 0.5, 0.25  # bounds of the catalogue
 SLACK_S = 0.1  # this computer may be busy
 WATCHDOG_S = 0.5  # within which the PLC stops when cellctl falls silent
@@ -87,11 +88,11 @@ async def is_seen(failure: Failure) -> None:
         await asyncio.sleep(0.05)
 
         failure.provoke(c)
-        after_s, error = await c.trouble_within(2)
-        async with asyncio.timeout(0.1):
+        after_s, error = await c.trouble_within(5)
+        async with asyncio.timeout(2):
             why = await watch
 
-        assert after_s < failure.within_s + SLACK_S
+        assert after_s < failure.within_s + SLACK_S + c.late_s
         assert isinstance(error, failure.kinds)
         assert why  # and the watch that aborts the cell has ended, with a reason
         assert sentence(error).startswith(f"[{failure.code}")
@@ -119,7 +120,7 @@ async def silence_is_heeded(silence: Provoke) -> None:
         began_s = time.monotonic()
         silence(c)
         await eventually(lambda: not c.world.robot_enable and not c.world.conveyor_moving())
-        assert WATCHDOG_S - 0.1 < time.monotonic() - began_s < WATCHDOG_S + SLACK_S
+        assert WATCHDOG_S - 0.1 < time.monotonic() - began_s < WATCHDOG_S + SLACK_S + c.late_s
 
         with pytest.raises(DeviceError):
             await bring
@@ -134,14 +135,14 @@ async def test_a_link_that_comes_back_is_resumed_and_nothing_moves_before_a_pers
 async def link_comes_back(loss: Provoke) -> None:
     async with wired() as c:
         loss(c)
-        _, error = await c.trouble_within(1)
+        _, error = await c.trouble_within(5)
         await eventually(lambda: not c.world.robot_enable)
         seen_s = time.monotonic()
         if loss is gone:
             await c.proxy.start()
         c.proxy.go_on()
         c.proxy.plug_in()
-        await c.plc.ready(within_s=3)
+        await c.plc.ready(within_s=READY_S)
         await asyncio.sleep(0.1)
 
         assert isinstance(error, LinkLost | NoAnswer)
@@ -154,104 +155,15 @@ async def link_comes_back(loss: Provoke) -> None:
 
 async def test_a_stall_shorter_than_the_bound_disturbs_nothing() -> None:
     async with wired() as c:
-        rounds = late_rounds = 0
-        while rounds < 5:
-            began_s = time.monotonic()
+        for _ in range(5):
             c.proxy.stall("down")
             await asyncio.sleep(0.1)
-            stalled_s = time.monotonic() - began_s
-            if stalled_s < 0.15:
-                assert c.truth_age_s(c.plc.image) < STALE_S
             c.proxy.go_on()
             await asyncio.sleep(0.05)
-            if time.monotonic() - began_s < 0.25:
-                rounds += 1
-            else:
-                late_rounds += 1  # this computer was busy: the stall was longer than meant
-                await c.plc.ready(within_s=3)
 
-        assert c.proxy.counts["connections"] <= 1 + late_rounds
-        assert c.world.robot_enable or late_rounds
-
-
-# -- P2, P3: late answers ------------------------------------------------------------------------------------------
-
-ROUGH = [
-    Trouble(jitter_s=0.12),
-    Trouble(late=0.1, late_s=0.3),
-    Trouble(late=0.1, late_s=0.3, duplicate=0.05, stale=0.05, lose=0.03),
-    Trouble(split_bytes=7, split_gap_s=0.0005, jitter_s=0.02, stale=0.1),
-]
-
-
-async def test_every_picture_handed_out_is_one_that_the_plc_gave_less_than_250_ms_ago() -> None:
-    await together(
-        (f"{trouble}, haunted {haunted}", pictures_are_true(trouble, haunted=haunted))
-        for trouble in ROUGH
-        for haunted in (False, True)
-    )
-
-
-async def pictures_are_true(trouble: Trouble, *, haunted: bool) -> None:
-    pictures, last = 0, 0
-    async with wired(seed=3) as c:
-        c.proxy.haunted, c.proxy.down = haunted, trouble
-        ends_s = time.monotonic() + 1.5
-        while time.monotonic() < ends_s:
-            await asyncio.sleep(0.004)
-            with contextlib.suppress(DeviceError):
-                image = c.plc.image
-                assert c.truth_age_s(image) < STALE_S + 0.02
-                assert 0 <= (image.heartbeat - last) & 0xFFFF < 0x8000  # never an older one after a newer one
-                pictures, last = pictures + 1, image.heartbeat
-    assert pictures > 5
-    assert c.proxy.counts["down late"] + c.proxy.counts["down stale"] > 0 or trouble.jitter_s
-
-
-# -- P4: answers that are not right --------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("request_of", [read(100, 32), write(0, range(16)), read_write(100, 32, 0, range(16))])
-def test_no_bit_of_an_answer_s_frame_can_turn_unnoticed(request_of: tuple[bytes, bytes, int]) -> None:
-    question = Question(0x1234, 1, request_of)  # type: ignore[arg-type]
-    pdu = question.request.answer_begins.ljust(question.request.answer_size, b"\x5a")
-    right = struct.pack(">HHHB", 0x1234, 0, len(pdu) + 1, 1) + pdu
-    assert question.answered_by(right) is not None
-    for bit in range(8 * (7 + len(question.request.answer_begins))):
-        wrong = bytearray(right)
-        wrong[bit // 8] ^= 1 << bit % 8
-        try:
-            answer = question.answered_by(bytes(wrong))
-        except NotTheAnswer:
-            continue
-        assert answer is None or answer.exception, f"bit {bit} of {right.hex()}"
-
-
-async def test_answers_with_turned_bits_are_closed_upon_and_do_no_harm() -> None:
-    async with wired(seed=9) as c:
-        c.proxy.down = Trouble(flip=0.2)
-        await asyncio.sleep(1.0)
-        c.proxy.down = Trouble()
-        await c.plc.ready(within_s=3)
-
-        assert c.proxy.counts["down flip"] > 3
-        assert c.proxy.counts["connections"] > 1
-        assert c.commands_executed() == []
-        assert c.world.belt_starts == 0
-
-
-# -- P5: another program -------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("shift", [-1, 1, 16])
-async def test_a_register_map_that_is_shifted_is_refused_and_nothing_is_written(shift: int) -> None:
-    bank = Bank(holding=range(200))
-    bank.tables[Table.HOLDING].update({100 + shift: 7, 101 + shift: 0x0100, 103 + shift: 1, 104 + shift: 15})
-    async with serving(bank) as server, running(Plc("127.0.0.1", server.port)) as plc:
-        with pytest.raises((Mismatch, Garbled), match="load the PLC program of this cellctl"):
-            await plc.ready(within_s=0.3)
-
-        assert not {5, 6, 15, 16, 22, 23} & server.functions.keys()
+        if c.late_s < 0.05:  # else a stall was longer than meant
+            assert c.proxy.counts["connections"] == 1
+            assert c.plc.image.robot_enable
 
 
 # -- P6: the PLC restarts ------------------------------------------------------------------------------------------
@@ -272,7 +184,7 @@ async def test_a_plc_that_restarts_during_a_command_does_not_get_it_again(during
         c.world.inject("reboot")
         with pytest.raises(NoAnswer, match=r"PLC restarted .*not repeated"):
             await command
-        await c.plc.ready(within_s=3)
+        await c.plc.ready(within_s=READY_S)
         await asyncio.sleep(0.2)
 
         assert c.commands_executed() == before
@@ -302,3 +214,22 @@ async def test_a_switch_that_is_stuck_on_brings_no_base_that_is_not_there() -> N
 
         assert c.plc.image.arrival_seq == 0
         assert not c.world.conveyor_moving()
+
+
+async def test_a_belt_that_turns_when_it_must_not_is_a_fault_that_ends_all_motion() -> None:
+    world = World(1, load_product(ROOT / "recipes" / "x85.toml"), speed=20.0)
+    server = PlcServer(world)
+    await server.start()
+    try:
+        async with running(Plc("127.0.0.1", server.port)) as plc:
+            await plc.ready(within_s=READY_S)
+            await plc.bring_base(within_s=5)
+            watch = asyncio.create_task(plc.unsafe())
+            world.inject("conveyor", "creeps")
+            async with asyncio.timeout(2):
+                assert "fault number in 114 is 4" in await watch
+            with pytest.raises((Refused, NoAnswer)):
+                await plc.bring_base(within_s=0.5)
+            assert world.carrier_clamped()  # the clamp holds against the belt
+    finally:
+        await server.close()

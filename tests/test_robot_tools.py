@@ -13,7 +13,7 @@ from queue import Queue
 from threading import Event, Thread
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import drivers.conversation
@@ -163,6 +163,21 @@ def test_a_file_of_another_controller_is_refused_unless_that_is_meant(tmp_path):
         assert "is of an rcx3 controller, this is an rcx2: not restored" in refused.err
 
 
+def test_a_program_that_no_line_can_carry_is_told_and_the_rest_is_written(tmp_path):
+    file, programs = tmp_path / "robot.toml", {"A": ["NAME=A", "HALT"], "B": ["NAME=B", "", "HALT"]}
+    identity = {"dialect": "rcx3", "version": "", "configuration": "YK400XG", "serial": ""}
+    file.write_text(
+        text_of(a_backup(points=["P01 = 250.0 50 10 0 0 0", POINTS[1]], programs=programs, controller=identity))
+    )
+    with controller() as address:
+        put = run("robot", "restore", file, "--address", address, "--yes")
+        assert "Error: line 2, '', is no line of a file" in put.err
+        assert "see `cellctl robot diff`" in put.err
+        assert put.code == 1
+        left = json.loads(run("robot", "diff", file, "--address", address, "--json").out)["differences"]
+        assert [entry["name"] for entry in left if entry["kind"] in ("points", "programs")] == ["B"]
+
+
 def test_a_backup_replaces_no_file_unasked_and_leaves_none_half_written(tmp_path):
     file = tmp_path / "robot.toml"
     file.write_text("mine")
@@ -203,6 +218,7 @@ def a_backup(**changed):
 TEXT = st.text(st.characters(min_codepoint=1, max_codepoint=255), max_size=40)
 
 
+@settings(deadline=None, max_examples=50)
 @given(st.lists(TEXT), st.dictionaries(st.from_regex(r"[A-Z0-9_]{1,32}", fullmatch=True), st.lists(TEXT)), TEXT)
 def test_whatever_a_controller_tells_is_read_back_from_the_file_as_it_was(tmp_path_factory, lines, programs, version):
     identity = {"dialect": "rcx2", "version": version, "configuration": "", "serial": "A-1"}
@@ -253,6 +269,23 @@ def test_times_are_predicted_without_a_robot(tmp_path):
     rows = {row["name"]: row["predicted_s"] for row in facts["stretches"]}
     assert rows["arm in all"] == pytest.approx(sum(rows.values()) / 2)
     assert 0.5 < rows["arm in all"] < 2
+
+
+def test_the_arm_moves_only_when_a_person_says_so(tmp_path, monkeypatch):
+    with controller() as address, cell_at(tmp_path, address) as cell:
+        monkeypatch.setattr("sys.stdin", io.StringIO("n\n"))
+        asked = run("robot", "time", "x85", "--config", cell)
+        assert "the way is free? [y/N]" in asked.out
+        assert asked.code == 130
+        state = json.loads(run("robot", "info", "--config", cell, "--json").out)
+        assert (state["position"]["x_mm"], state["state"]["motor power"]) == (250, "off")
+        assert state["controller"]["serial"] == "SIM-ROBOT"
+        refused = run("robot", "time", "x85", "--config", cell, "--json")
+        assert "--json asks nothing, so say --yes as well, or --predict" in refused.err
+        timed = json.loads(run("robot", "time", "x85", "--config", cell, "--json", "--yes").out)
+    assert timed["exchange_ms"] > 0
+    assert all(row["measured_s"] > 0 for row in timed["stretches"])
+    assert [row["name"] for row in timed["stretches"]][-1] == "arm in all"
 
 
 @pytest.mark.parametrize("dialect", ["rcx3", "rcx2"])

@@ -114,6 +114,15 @@ def test_a_picture_without_light_is_refused() -> None:
     assert refusal(battery_view(np.random.default_rng(17), dark), "battery") == "light"
 
 
+def test_a_picture_with_light_and_shade_but_no_outline_is_refused() -> None:
+    view, held = base_view(np.random.default_rng(31)), battery_view(np.random.default_rng(31))
+    height, width = view.pixels.shape
+    shade = np.tile(np.linspace(30.0, 220.0, width).astype(np.uint8), (height, 1))
+
+    assert refusal(view._replace(pixels=shade)) == "hole"
+    assert refusal(held._replace(pixels=shade), "battery") == "edge 1"
+
+
 def test_an_over_exposed_picture_is_refused() -> None:
     bright = Camera(exposure=2.6)
 

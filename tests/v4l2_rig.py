@@ -1,5 +1,6 @@
 """A simulated V4L2 camera for tests, behind a FUSE file or in this process, and how to get drivers for it."""
 
+import asyncio
 import os
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
@@ -9,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drivers.camera import Frame, Pixels, Region, Setup
+from drivers.camera import Frame, Pixels, Region, Setup, Trigger
 from drivers.pixels import MONO8, PixelFormat
 from drivers.v4l2 import V4l2Camera
 from drivers.v4l2_node import KernelNode
@@ -95,3 +96,26 @@ async def rig(
     device = Device("SN1", size, **options)
     async with V4l2CameraServer(device, scene, Clock(speed), path=path) as server:
         yield Rig(server, scene, size, path)
+
+
+FRONTS = ["file", "process"]
+
+
+def where(front: str, folder: Path) -> Path | None:
+    if front == "process":
+        return None
+    needs_fuse()
+    return folder / "video0"
+
+
+async def until(true: Callable[[], bool], within_s: float = 2.0) -> None:
+    async with asyncio.timeout(within_s):
+        while not true():
+            await asyncio.sleep(0.005)
+
+
+@asynccontextmanager
+async def armed(trigger: Trigger, **options: object) -> AsyncIterator[tuple[Rig, V4l2Camera]]:
+    async with rig(**options) as r, r.open_camera() as camera:
+        await camera.arm(trigger)
+        yield r, camera

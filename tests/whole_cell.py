@@ -167,6 +167,7 @@ async def simulated(
     carrier: Carrier = "tool",
     album: Path | None = None,
     video_2: str | None = None,
+    video_triggers: bool = True,
     dialect: Literal["rcx3", "rcx2"] = "rcx3",
     robot: Mapping[str, object] | None = None,
 ) -> AsyncIterator[Bench]:
@@ -174,7 +175,8 @@ async def simulated(
 
     `learnt` is the state folder of a commissioned cell of the same seed, `settings` are other [calibration] settings,
     `carrier` is what camera 1 is on, `album` a folder that gets every picture, `dialect` the robot controller's,
-    `video_2` the file of camera 2 as a V4L2 camera ("": it is opened in this process, without a file).
+    `robot` other [robot] settings, `video_2` the file of camera 2 as a V4L2 camera ("": it is opened in this process,
+    without a file).
     """
     copies, net = _hurried(recipes or ROOT / "recipes", folder / "hurried", speed), loopback()
     swaps = (*(ON_THE_SECOND_ARM if carrier == "arm_2" else ()), *_as_v4l2(f"{net}.3", video_2))
@@ -189,7 +191,8 @@ async def simulated(
         shutil.copytree(learnt, config.paths.state, ignore=shutil.ignore_patterns("*.db*", "log", "pictures"))
     world = World(seed, load_product(config.paths.recipes / f"{product}.toml"), speed=speed, carrier=carrier)
     cameras = f"{net}.2", f"{net}.3" if video_2 is None else video_2
-    addresses = Addresses(f"{net}.1", config.plc.port, f"{net}.1", 10023, *cameras, robot_dialect=dialect)
+    ports = f"{net}.1", config.plc.port, f"{net}.1", 10023
+    addresses = Addresses(*ports, *cameras, video_triggers=video_triggers, robot_dialect=dialect)
     async with SimulatedCell(world, addresses, album) as cell:
         devices = build_devices(config)
         if video_2 == "":

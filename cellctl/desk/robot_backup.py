@@ -4,6 +4,7 @@ The lines are the controller's own, so a file is exact and can be read, compared
 """
 
 import json
+from collections import Counter
 from collections.abc import Iterator
 from datetime import datetime
 from pathlib import Path
@@ -17,7 +18,7 @@ from cellctl.desk.robot_link import AtDesk, Which, at_desk
 from cellctl.learnt.references import now, write_whole
 from cellctl.strict_toml import LARGEST_FILE, Contradiction, Settings
 from drivers.errors import Refused
-from drivers.rcx_points import parse_points
+from drivers.rcx_points import StoredPoint, parse_points
 
 KINDS = {"points": "PNT", "hands": "HND", "shifts": "SFT", "pallets": "PLT", "variables": "VAR", "parameters": "PRM"}
 PARAMETERS = "parameters"  # can be read, but only a person can set them
@@ -55,21 +56,21 @@ class Backup(Settings):
         except ValueError:
             yield "made_at", "must be a date and time such as 2026-11-22T10:00:00+00:00"
         try:
-            parse_points(self.points)
+            names = Counter(entry_of("points", line)[0] for line in self.points)
         except ValueError as error:
             yield "points", str(error)
-        names = [name_of(line) for line in self.points]
-        if len(set(names)) < len(names):
-            yield "points", f"says {max(names, key=names.count)} twice"
+            return
+        if twice := [name for name, count in names.items() if count > 1]:
+            yield "points", f"says {twice[0]} twice"
 
     @property
     def entries(self) -> Entries:
-        """Everything by kind and name, blanks evened out, so that two backups can be compared."""
+        """Everything by kind and name, however it was written, so that two backups can be compared."""
         named: Entries = {}
         for kind in KINDS:
             for line in getattr(self, kind):
-                name = name_of(line)
-                named[kind, name] = " ".join([*named.get((kind, name), "").split(), *line.partition("=")[2].split()])
+                name, value = entry_of(kind, line)
+                named[kind, name] = f"{named.get((kind, name), '')} {value}".strip()
         return named | {("programs", name): "\n".join(lines) for name, lines in self.programs.items()}
 
 
@@ -141,9 +142,18 @@ async def _file(desk: AtDesk, name: str) -> list[str]:
         return []
 
 
-def name_of(line: str) -> str:
-    """What a line of a file is about, blanks evened out."""
-    return " ".join(line.partition("=")[0].split())
+def entry_of(kind: str, line: str) -> tuple[str, str]:
+    """What a line is about and what it says, however it was written."""
+    if kind == "points":
+        ((number, point),) = parse_points([line]).items()
+        return f"P{number}", _shown(point)
+    name, _, value = line.partition("=")
+    return "".join(name.split()), " ".join(value.split())
+
+
+def _shown(point: StoredPoint) -> str:
+    numbers = (f"{value:.0f}" if point.in_pulses else f"{value:.3f}" for value in point.values)
+    return " ".join([*numbers, *map(str, (point.hand, *point.turns))])
 
 
 def _list(key: str, lines: list[str]) -> list[str]:

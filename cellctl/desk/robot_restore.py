@@ -8,9 +8,10 @@ from typing import NamedTuple
 import click
 
 from cellctl.desk.commands import run_loop
-from cellctl.desk.robot_backup import KINDS, PARAMETERS, Backup, name_of, read_all, read_memory
+from cellctl.desk.robot_backup import KINDS, PARAMETERS, Backup, entry_of, read_all, read_memory
 from cellctl.desk.robot_link import Which, at_desk
 from cellctl.strict_toml import load
+from drivers.robot import Robot
 
 MISSING = "-"
 WIDEST = 60
@@ -93,16 +94,23 @@ def check_identity(wanted: Backup, there: Backup, path: Path, *, other: bool) ->
 
 async def _written(which: Which, wanted: Backup, changes: Sequence[Difference]) -> Backup:
     """What the controller keeps after the changed entries, and only these, were written."""
-    changed = {(entry.kind, entry.name) for entry in changes}
     async with at_desk(which) as desk:
-        for kind, name in KINDS.items():
-            lines = [line for line in getattr(wanted, kind) if (kind, name_of(line)) in changed]
-            if lines:
-                await desk.robot.files.write(name, lines)
-        for program, lines in wanted.programs.items():
-            if ("programs", program) in changed:
-                await desk.robot.programs.write(program, lines)
+        try:
+            await _write(desk.robot, wanted, {(entry.kind, entry.name) for entry in changes})
+        except ValueError as error:
+            done = "what came before it is written, see `cellctl robot diff`"
+            raise click.ClickException(f"{error}: not written; {done}") from error
         return await read_all(desk)
+
+
+async def _write(robot: Robot, wanted: Backup, changed: set[tuple[str, str]]) -> None:
+    for kind, name in KINDS.items():
+        lines = [line for line in getattr(wanted, kind) if (kind, entry_of(kind, line)[0]) in changed]
+        if lines:
+            await robot.files.write(name, lines)
+    for program, lines in wanted.programs.items():
+        if ("programs", program) in changed:
+            await robot.programs.write(program, lines)
 
 
 def _end(path: Path, changes: Sequence[Difference], left: Sequence[Difference], *, as_json: bool) -> int:

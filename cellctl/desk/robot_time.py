@@ -22,7 +22,7 @@ from cellctl.recipe import Recipe, load_recipe
 from drivers.rcx import Position
 from drivers.robot import Robot
 
-ROUNDS = 3
+ROUNDS = 5
 EXCHANGES = 20
 GOOD_PCT = 5.0
 QUESTION = (

@@ -82,11 +82,11 @@ def _centres(picture: Coarse, step: float, least: float) -> tuple[Singles, Singl
     gu, gv = picture.along_u, picture.along_v
     strong = np.flatnonzero(np.maximum(np.abs(gu), np.abs(gv)) > 0.7 * least)
     du, dv = gu.reshape(-1).take(strong).astype(np.float32), gv.reshape(-1).take(strong).astype(np.float32)
-    size = cv2.magnitude(du, dv)[:, 0]
+    size = np.hypot(du, dv)
     v, u = np.divmod(strong, gu.shape[1])
     reach = np.float32(step) / size
     reach[size <= least] = OUT_OF_REACH
-    return u - du * reach, v - dv * reach
+    return u.astype(np.float32) - du * reach, v.astype(np.float32) - dv * reach
 
 
 def line_votes(

@@ -13,7 +13,8 @@ from cellctl.vision.profile import Blocks, appearance, beliefs, better_width, bl
 from cellctl.vision.robust import Bools, Fit, covariance, tukey_fit
 from cellctl.vision.strip import Part, Strip
 
-ROUNDS = (6, 12)  # of the robust fit at most, in the first and in the last pass; a clean outline settles in three
+PASSES, ROUNDS = 3, 12  # at most; a clean outline needs one pass and three rounds of the robust fit
+SETTLED_PX, SETTLED_WIDTH = 0.1, 0.03  # calipers catch better than that: a further pass would change next to nothing
 
 
 class Outline(NamedTuple):
@@ -44,6 +45,8 @@ class _Seen(NamedTuple):
     blocks: Blocks
     weights: Floats  # before the fit
     fit: Fit
+    moves: Floats  # of the blocks, towards their bright side
+    settled: bool  # a further pass would change next to nothing
 
 
 def measure(strip: Strip, outlines: Sequence[Outline], limits: Limits) -> list[Measured]:
@@ -51,24 +54,28 @@ def measure(strip: Strip, outlines: Sequence[Outline], limits: Limits) -> list[M
 
     Raises NotFound when too few blocks see one of them.
     """
-    for rounds in ROUNDS:
+    for _ in range(PASSES):
         blocks = block_offsets(strip, [outline.width_px for outline in outlines])
         seen = [
-            _fitted(strip, part, blocks.of(part), outline, rounds, limits)
+            _fitted(strip, part, blocks.of(part), outline, limits)
             for part, outline in zip(strip.parts, outlines, strict=True)
         ]
         outlines = [each.outline for each in seen]
-        strip = strip.moved(np.concatenate([each.outline.design @ each.fit.parameters for each in seen]))
+        if all(each.settled for each in seen):
+            break
+        strip = strip.moved(np.concatenate([each.moves for each in seen]))
     return [_measured(strip, *each) for each in zip(strip.parts, seen, strict=True)]
 
 
-def _fitted(strip: Strip, part: Part, blocks: Blocks, outline: Outline, rounds: int, limits: Limits) -> _Seen:
+def _fitted(strip: Strip, part: Part, blocks: Blocks, outline: Outline, limits: Limits) -> _Seen:
     weights = beliefs(strip, part, blocks, 0.5 * limits.min_contrast)
     check_seen(strip, part, weights, outline.fewest, limits, outline.name)
-    fit = tukey_fit(outline.design, -blocks.shift, weights, rounds)
+    fit = tukey_fit(outline.design, -blocks.shift, weights, ROUNDS)
     width = better_width(blocks, fit.weights, outline.width_px)
+    moves = outline.design @ fit.parameters
+    settled = bool(np.abs(moves).max() < SETTLED_PX) and abs(width / outline.width_px - 1.0) < SETTLED_WIDTH
     better = outline._replace(parameters=outline.parameters + fit.parameters, width_px=width)
-    return _Seen(better, blocks, weights, fit)
+    return _Seen(better, blocks, weights, fit, moves, settled)
 
 
 def _measured(strip: Strip, part: Part, seen: _Seen) -> Measured:

@@ -19,7 +19,7 @@ NEAR_PX = 2.5  # a caliper hit this close to a hypothesis supports it
 DRAWS = 72
 TRIPLES = 800  # of rays; of those that are seen so many are tried as draws
 DIRT = 2.0  # where much was rejected, some of what was kept is dirty too: so much more variance when all was
-SETTLED = 0.005  # a robust fit whose spread changes by less is found
+SETTLED = 0.01  # a robust fit whose spread changes by less is found
 RIDGE = 1e-12  # keeps the normal equations solvable
 
 
@@ -42,10 +42,14 @@ def tukey_fit(design: Floats, values: Floats, weights: Floats, rounds: int) -> F
     (used,) = weights.nonzero()
     system, start = (everything, weights) if used.size == values.size else (everything[:, used], weights[used])
     now, limit, spread, left = start, math.inf, LEAST_SPREAD_PX, np.zeros(len(everything))
-    for _ in range(rounds):
-        left = np.array(_left(((system * now) @ system.T).tolist()))
-        residuals, before = left @ system, spread
-        spread = 1.4826 * middle(np.abs(residuals)) + LEAST_SPREAD_PX
+    weighted, half = np.empty_like(system), used.size // 2
+    for _ in range(rounds if used.size else 0):
+        np.multiply(system, now, out=weighted)
+        left = np.array(_left(np.dot(weighted, system.T).tolist()))
+        residuals, before = np.dot(left, system), spread
+        sizes = np.abs(residuals)
+        sizes.partition(half)
+        spread = 1.4826 * float(sizes[half]) + LEAST_SPREAD_PX
         limit = max(TUKEY * spread, 0.5 * limit) if math.isfinite(limit) else TUKEY * spread
         now = _biweight(residuals, limit)
         now *= start
@@ -73,10 +77,10 @@ def _left(normal: list[list[float]]) -> tuple[float, ...]:
 
 
 def _biweight(residuals: Floats, limit: float) -> Floats:
-    z = residuals / limit
+    z = residuals * (1.0 / limit)
     z *= z
-    np.subtract(1.0, z, out=z)
-    np.maximum(z, 0.0, out=z)
+    z -= 1.0
+    np.minimum(z, 0.0, out=z)
     z *= z
     return z
 

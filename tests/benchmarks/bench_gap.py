@@ -7,6 +7,7 @@ writes build/bench-gap.json.
 """
 
 import json
+import logging
 import math
 import sys
 import time
@@ -19,6 +20,7 @@ from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
+import structlog
 
 from cellctl.assembly import seating
 from cellctl.calibration.plane_map import PlaneMap
@@ -84,7 +86,7 @@ def main(pictures: int, units: int, out: Path = OUT) -> None:
     began_s = time.monotonic()
     result: dict[str, Any] = {"gap": {}, "drift": {}}
     spawn = get_context("spawn")  # a forked child would inherit the locks of cv2's threads
-    with ProcessPoolExecutor(PROCESSES, spawn, initializer=cv2.setNumThreads, initargs=(1,)) as pool:
+    with ProcessPoolExecutor(PROCESSES, spawn, initializer=_alone) as pool:
         for number, regime in enumerate(REGIMES):
             works = [
                 pool.submit(regime_pictures, number, seed, min(CHUNK, pictures - seed * CHUNK))
@@ -96,6 +98,12 @@ def main(pictures: int, units: int, out: Path = OUT) -> None:
     print_tables(result)
     out.parent.mkdir(exist_ok=True)
     out.write_text(json.dumps(result, indent=2) + "\n", encoding="utf-8")
+
+
+def _alone() -> None:
+    """A process of the benchmark: one thread, and no log of the drift that it finds."""
+    cv2.setNumThreads(1)
+    structlog.configure(wrapper_class=structlog.make_filtering_bound_logger(logging.CRITICAL))
 
 
 def _shown(works: list[Any], name: str) -> Iterator[Any]:

@@ -84,19 +84,19 @@ def serving(start: Callable[[], Awaitable[int]]) -> Iterator[int]:
 # -- one exchange --------------------------------------------------------------------------------------------------
 
 
-def exchanges(port: int, count: int) -> dict[str, dict[str, float]]:
-    """Back to back, all clients in turns, so that a busy computer disturbs them alike."""
-    with tempfile.TemporaryDirectory() as folder:
-        program = compiled(Path(folder))
-        taken: dict[str, list[float]] = {}
-        for number in range(ROUNDS):
-            _tell(f"exchanges: round {number + 1} of {ROUNDS}")
-            for name, measure in (
-                ("libmodbus, C", lambda: by_c(program, port, count // ROUNDS)),
-                ("driver", lambda: run(by_driver(port, count // ROUNDS))),
-                ("pymodbus", lambda: run(by_pymodbus(port, count // ROUNDS))),
-            ):
-                taken.setdefault(name, []).extend(measure())
+def exchanges(port: int, count: int, program: Path | None) -> dict[str, dict[str, float]]:
+    """Back to back, all clients in turns, so that a busy computer disturbs them alike. None: without the C client."""
+    clients: dict[str, Callable[[int], list[float]]] = {
+        "driver": lambda number: run(by_driver(port, number)),
+        "pymodbus": lambda number: run(by_pymodbus(port, number)),
+    }
+    if program is not None:
+        clients = {"libmodbus, C": lambda number: by_c(program, port, number), **clients}
+    taken: dict[str, list[float]] = {name: [] for name in clients}
+    for number in range(ROUNDS):
+        _tell(f"exchanges: round {number + 1} of {ROUNDS}")
+        for name, measure_one in clients.items():
+            taken[name] += measure_one(count // ROUNDS)
     return {name: of(times_us, "us") for name, times_us in taken.items()}
 
 
@@ -224,12 +224,12 @@ async def lateness(port: int, for_s: float) -> list[float]:
 # -- all of it -----------------------------------------------------------------------------------------------------
 
 
-def measure(exchange_count: int, for_s: float, bad_answers: int) -> dict[str, Any]:
+def measure(exchange_count: int, for_s: float, bad_answers: int, program: Path | None = None) -> dict[str, Any]:
     sys.setswitchinterval(SWITCH_S)
     cv2.setNumThreads(1)
     result: dict[str, Any] = {}
     with serving(_bare) as bare, serving(_plc) as plc:
-        result["exchange"] = exchanges(bare, exchange_count)
+        result["exchange"] = exchanges(bare, exchange_count, program)
         _tell("scan at 10 ms")
         result["scan"] = {
             "driver, words decoded and watched": run(scan_cost(plc, for_s)),
@@ -291,7 +291,8 @@ def show(result: dict[str, Any]) -> None:
 
 
 def main(exchange_count: int, for_s: float, bad_answers: int, out: Path = OUT) -> None:
-    result = measure(exchange_count, for_s, bad_answers)
+    with tempfile.TemporaryDirectory() as folder:
+        result = measure(exchange_count, for_s, bad_answers, compiled(Path(folder)))
     show(result)
     out.parent.mkdir(exist_ok=True)
     out.write_text(json.dumps(result, indent=2) + "\n", encoding="utf-8")

@@ -45,17 +45,26 @@ def in_packs(work: Work, pictures: int, name: str) -> Iterator[Any]:
     done = _read(path)
     left = [pack for pack in packs if (pack.start, pack.stop) not in done]
     yield from (done[pack.start, pack.stop] for pack in packs if pack not in left)
-    with ProcessPoolExecutor(PROCESSES, get_context("spawn")) as pool, path.open("a", encoding="utf-8") as file:
-        tasks = {pool.submit(work, pack): pack for pack in left}
-        shown = pictures - sum(map(len, left))
-        for task in as_completed(tasks):
-            pack = tasks[task]
-            file.write(json.dumps([pack.start, pack.stop, task.result()]) + "\n")
+    shown = pictures - sum(map(len, left))
+    with path.open("a", encoding="utf-8") as file:
+        for pack, result in _worked(work, left):
+            file.write(json.dumps([pack.start, pack.stop, result]) + "\n")
             file.flush()
             shown += len(pack)
             print(f"\r{name}: {shown} of {pictures}", end="", file=sys.stderr, flush=True)
-            yield task.result()
+            yield result
     print(file=sys.stderr)
+
+
+def _worked(work: Work, packs: list[range]) -> Iterator[tuple[range, Any]]:
+    """Packs and what was made of them, as they are done. The first that fails ends all."""
+    with ProcessPoolExecutor(PROCESSES, get_context("spawn")) as pool:
+        tasks = {pool.submit(work, pack): pack for pack in packs}
+        try:
+            for task in as_completed(tasks):
+                yield tasks[task], task.result()
+        finally:
+            pool.shutdown(cancel_futures=True)
 
 
 def _read(path: Path) -> dict[tuple[int, int], Any]:
