@@ -133,7 +133,7 @@ FAULTS: dict[type[Exception], Fault] = {
         "D5", Reaction.ABORT, "The configuration and the device do not belong together: correct the one that is wrong."
     ),
     FrameLost: Fault(
-        "D6", Reaction.REJECT, "Check network card settings (rmem, MTU) and the camera's cable if it happens again."
+        "D6", Reaction.REJECT, "Run `cellctl camera check` if it happens again: network card, rmem, MTU, cable."
     ),
     Unavailable: Fault("D7", Reaction.ABORT, "Install the named package, then restart the service."),
     SafetyLost: Fault(

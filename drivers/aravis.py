@@ -24,6 +24,7 @@ STATUS = {
 }
 ALWAYS_ADJUST_PACKET_SIZE = 4
 PACKET_SOCKET_DISABLED = 1
+CHUNKS = (b"ChunkExposureTime", b"ChunkGain")
 SOCKET_BUFFER_FIXED, SOCKET_BUFFER_AUTO = 0, 1
 TIMESTAMP_CONTROL, TIMESTAMP_VALUE, LATCH = 0x0944, 0x0948, 0x2  # of the GigE Vision standard
 
@@ -42,6 +43,7 @@ class Arrived(NamedTuple):
     pixel_format: int
     frame_id: int
     device_ns: int
+    exposure: tuple[float, float] | None = None  # us and dB of this very picture, where the camera sends them along
 
 
 class Device:
@@ -183,8 +185,11 @@ class Device:
         self._lib.set_packet_delay_ns(self._camera, round(delay_us * 1000))
         return int(self._lib.packet_delay_ns(self._camera)) / 1000
 
-    def stream(self, socket_buffer_bytes: int | None = None) -> "Stream":
-        """Negotiate the packet size and open the stream: standard socket, and its buffer as large as may be."""
+    def stream(self, socket_buffer_bytes: int | None = None, *, with_chunks: bool = False) -> "Stream":
+        """Negotiate the packet size and open the stream: standard socket, and its buffer as large as may be.
+
+        `with_chunks`: each picture brings its exposure time and gain.
+        """
         self._lib.stream_options(self._camera, PACKET_SOCKET_DISABLED)
         self._lib.adjust_packet_size(self._camera, ALWAYS_ADJUST_PACKET_SIZE)
         handle = self._lib.create_stream(self._camera, None, None)
@@ -195,15 +200,16 @@ class Device:
         else:
             self._lib.set_property(handle, b"socket-buffer", SOCKET_BUFFER_FIXED)
             self._lib.set_property(handle, b"socket-buffer-size", socket_buffer_bytes)
-        return Stream(self._lib, handle)
+        return Stream(self._lib, handle, self._lib.chunk_parser(self._camera) if with_chunks else None)
 
 
 class Stream:
     """Pictures as they come. The memory they come into is ours: `push` lends it, `pop` gives it back."""
 
-    def __init__(self, library: Library, handle: int) -> None:
+    def __init__(self, library: Library, handle: int, chunk_parser: int | None = None) -> None:
         self._lib = library
         self._handle: int | None = handle
+        self._chunk_parser = chunk_parser
         self._lent: dict[int, Memory] = {}
 
     def push(self, memory: Memory) -> None:
@@ -230,14 +236,27 @@ class Stream:
             lib = self._lib
             image = (lib.buffer_width(buffer), lib.buffer_height(buffer), lib.buffer_format(buffer))
         # The library counts what was received without regard to the buffer's size: the caller must compare.
+        memory = self._lent.pop(address)
+        fits = status == "success" and received.value <= memory.nbytes
         return Arrived(
-            self._lent.pop(address),
+            memory,
             int(received.value),
             status,
             *image,
             int(self._lib.buffer_frame(buffer)),
             int(self._lib.buffer_time(buffer)),
+            self._exposure(buffer) if fits else None,
         )
+
+    def _exposure(self, buffer: int) -> tuple[float, float] | None:
+        """What the picture's chunks say. The library walks through them, so the buffer must hold all of them."""
+        if self._chunk_parser is None:
+            return None
+        try:
+            exposure_us, gain_db = (self._lib.chunk_real(self._chunk_parser, buffer, name) for name in CHUNKS)
+        except AravisError:
+            return None
+        return float(exposure_us), float(gain_db)
 
     def count(self, name: str) -> int:
         """One of the stream's own counters, for instance "n_resent_packets"."""
@@ -245,6 +264,6 @@ class Stream:
 
     def close(self) -> None:
         """End the library's receive thread; no `pop` may be under way."""
-        handle, self._handle = self._handle, None
-        if handle:
-            self._lib.unref(handle)
+        for thing in filter(None, (self._handle, self._chunk_parser)):
+            self._lib.unref(thing)
+        self._handle = self._chunk_parser = None

@@ -104,6 +104,8 @@ class Library:
         self.push = self._plain("stream_push_buffer", None, p, p)
         self.pop = self._plain("stream_timeout_pop_buffer", p, p, c_uint64)
         self.info = self._plain("stream_get_info_uint64_by_name", c_uint64, p, s)
+        self.chunk_parser = self._checked("camera_create_chunk_parser", p, p)
+        self.chunk_real = self._checked("chunk_parser_get_float_value", c_double, p, p, s)
         self.buffer_new = self._plain("buffer_new", p, c_size_t, p)
         self.buffer_status = self._plain("buffer_get_status", i, p)
         self.buffer_data = self._plain("buffer_get_data", p, p, POINTER(c_size_t))

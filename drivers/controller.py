@@ -2,7 +2,7 @@
 
 import asyncio
 import contextlib
-from collections.abc import Callable, Sequence
+from collections.abc import AsyncIterator, Callable, Sequence
 from typing import TypeVar
 
 from drivers import rcx
@@ -60,11 +60,29 @@ class Controller:
         self.doubt()
         await self.talk.operate(rcx.command(text), within_s=within_s)
 
-    async def status(self, *, within_s: float = ANSWER_S) -> RobotStatus:
-        """Its state, asked now; each answer within so many seconds."""
-        answers = [await self.value(what, str, within_s=within_s) for what in self.dialect.status_queries]
+    async def status(self) -> RobotStatus:
+        """Its state, asked now."""
+        return self._understood([answer async for answer in self._state(ANSWER_S)])
+
+    async def glance(self, *, within_s: float, ended: Callable[[], bool]) -> RobotStatus | None:
+        """Its state, each answer within so many seconds; None when meanwhile what is watched has ended."""
+        answers = []
+        async for answer in self._state(within_s):
+            answers.append(answer)
+            if ended():
+                return None
+        return self._understood(answers)
+
+    async def _state(self, within_s: float) -> AsyncIterator[str]:
+        answers = []
+        for what in self.dialect.status_queries:
+            answers.append(await self.value(what, str, within_s=within_s))
+            yield answers[-1]
         for what in self.dialect.more_queries(answers):
-            answers += await self.talk.ask(rcx.query(what), codes_are_data=True)
+            for answer in await self.talk.ask(rcx.query(what), codes_are_data=True):
+                yield answer
+
+    def _understood(self, answers: Sequence[str]) -> RobotStatus:
         status = self.dialect.status(answers)
         if status is None:
             raise self.talk.garbled("the status queries", answers)

@@ -96,7 +96,7 @@ class GigeCamera:
             try:
                 await self._opened(self._connection)
             except BaseException as error:
-                self._part(str(error) or "opening was cancelled")
+                self._part(error.detail if isinstance(error, DeviceError) else "opening was cancelled")
                 raise
             self._states.to(State.ARMED, Trigger.SOFTWARE)
 

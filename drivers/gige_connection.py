@@ -12,11 +12,12 @@ from drivers.camera import Counters, Frame, Trigger
 from drivers.errors import LinkLost, Mismatch, Refused
 from drivers.gige_inbox import Inbox, Reading, Shot
 from drivers.gige_receiver import Received, Receiver
-from drivers.gige_setup import Wanted, check_serial, set_format, set_packet_delay, set_trigger, take_control
+from drivers.gige_setup import Payload, Wanted, check_serial, set_format, set_packet_delay, set_trigger, take_control
 from drivers.worker import Worker, post
 
 EXPOSED_MARGIN_S = 0.002  # a camera begins to expose within this time of acknowledging a trigger
 SETTLE_S = 0.01  # from the end of an exposure until the camera takes the next trigger
+CLOCK_RUNS_S = 0.005
 CLOCK_HOLDS_NS = 1_000_000_000  # two quartz clocks part by some 50 us in this time
 TEMPERATURE = "DeviceTemperature"
 
@@ -38,6 +39,7 @@ class Connection:
         self._device: Device | None = None
         self._receiver: Receiver | None = None
         self._tick_rate = 0
+        self._payload = Payload(0, False)
         self._ready_s = 0.0  # loop time from which on a trigger is sure to be taken
         self._before = Counters()  # of earlier armings
 
@@ -64,12 +66,19 @@ class Connection:
         self._device = device = Device(wanted.address)
         check_serial(device, wanted)
         take_control(device, self._stop)
-        set_format(device, wanted)
+        self._payload = set_format(device, wanted)
         set_packet_delay(device, wanted)
         self._tick_rate = device.tick_rate()
-        if not self._tick_rate:
-            raise Mismatch(wanted.name, "the camera has no clock that can be read, so stale pictures would pass")
+        self._check_clock_now(device)
         self.exposure = device.set_exposure(*wanted.exposure) if wanted.exposure else device.exposure()
+
+    def _check_clock_now(self, device: Device) -> None:
+        """It can be read, and it runs."""
+        before = device.ticks() if self._tick_rate else 0
+        self._stop.wait(CLOCK_RUNS_S)
+        if not self._tick_rate or device.ticks() == before:
+            detail = "the camera has no clock that can be read and runs, so stale pictures would pass"
+            raise Mismatch(self._wanted.name, detail)
 
     def close(self) -> "asyncio.Future[None]":
         """Let the camera go, in the background; the future tells when that is done."""
@@ -117,9 +126,9 @@ class Connection:
         device = self._opened()
         set_trigger(device, self._wanted, trigger)
         # A new stream each time: the library drops pictures whose numbers begin anew within an old one.
-        stream = device.stream(self._wanted.socket_buffer_bytes)
+        stream = device.stream(self._wanted.socket_buffer_bytes, with_chunks=self._payload.with_chunks)
         self.packet_size = device.packet_size()
-        self._receiver = Receiver(device, self._wanted.setup, stream, self._came, self._went)
+        self._receiver = Receiver(device, self._wanted.setup, self._payload, stream, (self._came, self._went))
         inbox = Inbox(self._wanted.name, self._wanted.setup, trigger, self._read_clock_now())
         inbox.exposure = self.exposure
         self.inbox = inbox

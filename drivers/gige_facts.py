@@ -15,7 +15,6 @@ READ: tuple[tuple[str, str, Callable[[Device, str], Fact]], ...] = (
     ("vendor", "DeviceVendorName", Device.text),
     ("model", "DeviceModelName", Device.text),
     ("version", "DeviceVersion", Device.text),
-    ("serial", "DeviceSerialNumber", Device.text),
     ("user_name", "DeviceUserID", Device.text),
     ("temperature_c", "DeviceTemperature", Device.real),
     ("sensor_width_px", "SensorWidth", Device.integer),
@@ -59,7 +58,7 @@ async def facts(name: str, address: str) -> dict[str, Fact]:
 def _facts(address: str) -> dict[str, Fact]:
     device = Device(address)
     try:
-        told: dict[str, Fact] = {"address": address, "free": device.is_controller}
+        told: dict[str, Fact] = {"address": address, "serial": device.serial(), "free": device.is_controller}
         for key, feature, read in READ:
             if device.has(feature):
                 with suppress(AravisError):  # it says that it has it, and does not give it: nothing is known then

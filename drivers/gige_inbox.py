@@ -18,6 +18,7 @@ from drivers.gige_receiver import Received
 MOST_WAITING = {Trigger.SOFTWARE: 1, Trigger.LINE: 4, Trigger.FREE: 1}
 FRESH_NS = 500_000_000  # a picture of free run that waited longer is none of now
 BLOCKS = 0xFFFF  # picture numbers go from 1 to this and begin anew
+AHEAD_NS = 1_000_000_000  # no picture is exposed so long after it came
 NEAR_THE_END = BLOCKS - 1000
 
 
@@ -53,7 +54,7 @@ class Inbox:
     def __init__(self, name: str, setup: Setup, trigger: Trigger, clock: Reading) -> None:
         self.trigger = trigger
         self.counters = Counters()
-        self.exposure = (0.0, 0.0)  # us and dB, in force
+        self.exposure = (0.0, 0.0)  # us and dB as read back, for pictures that do not bring their own
         self.shot: Shot | None = None
         self.newest_ns = 0  # host time when the newest whole picture came
         self._name, self._setup = name, setup
@@ -118,13 +119,14 @@ class Inbox:
         shot = self.shot
         if shot is None or shot.picture.done() or self._is_early(received, shot.clock, repeated=repeated):
             self.counters += Counters(stale=1)
-        elif received.pixels is None:
+            return
+        flaw = received.flaw or _misdated(received, shot.clock)
+        if flaw or shot.clock is None:  # a whole picture is early without a reading of the clock
             self.counters += Counters(incomplete=1)
-            shot.picture.set_exception(FrameLost(self._name, received.flaw))
-        else:
-            assert shot.clock is not None
-            self.counters += Counters(delivered=1)
-            shot.picture.set_result(self._frame(received, shot.clock, gap, not_before_ns=shot.sent_ns))
+            shot.picture.set_exception(FrameLost(self._name, flaw))
+            return
+        self.counters += Counters(delivered=1)
+        shot.picture.set_result(self._frame(received, shot.clock, gap, not_before_ns=shot.sent_ns))
 
     def _is_early(self, received: Received, clock: Reading | None, *, repeated: bool) -> bool:
         """Taken too soon, or the same once more. The time of an incomplete one may be missing (0)."""
@@ -135,11 +137,12 @@ class Inbox:
 
     def _keep(self, received: Received, gap: int) -> None:
         """Put it where next_frame() finds it. A lost picture of the line must be told, one of free run need not."""
-        if received.pixels is None:
+        flaw = received.flaw or _misdated(received, self.clock)
+        if flaw:
             self.counters += Counters(incomplete=1)
             if self.trigger is Trigger.FREE:
                 return
-            self._waiting.append(FrameLost(self._name, received.flaw))
+            self._waiting.append(FrameLost(self._name, flaw))
         else:
             self._waiting.append(self._frame(received, self.clock, gap, not_before_ns=self._armed.host_ns))
         while len(self._waiting) > MOST_WAITING[self.trigger]:
@@ -162,6 +165,7 @@ class Inbox:
         assert received.pixels is not None
         self.newest_ns = received.received_ns
         began_ns = clock.host_of(received.device_ns)
+        exposure_us, gain_db = received.exposure or self.exposure
         return Frame(
             pixels=received.pixels,
             frame_id=received.frame_id,
@@ -169,10 +173,20 @@ class Inbox:
             exposure_start_ns=min(max(began_ns, not_before_ns), received.received_ns),
             received_ns=received.received_ns,
             device_ns=received.device_ns,
-            exposure_us=self.exposure[0],
-            gain_db=self.exposure[1],
+            exposure_us=exposure_us,
+            gain_db=gain_db,
             camera_id=self._setup.serial,
             region=self._setup.region,
             pixel_format=self._setup.pixel_format,
             payload=received.payload,
         )
+
+
+def _misdated(received: Received, clock: Reading | None) -> str:
+    """Why its time cannot be believed, or nothing. By such a time a stale picture could not be told."""
+    if clock is None:
+        return ""
+    ahead_s = (clock.host_of(received.device_ns) - received.received_ns) / 1e9
+    if ahead_s * 1e9 <= AHEAD_NS:
+        return ""
+    return f"picture {received.frame_id} is dated {ahead_s:.1f} s after it came: the camera dates by another clock"

@@ -9,6 +9,7 @@ import numpy as np
 
 from drivers.aravis import Arrived, Device, Memory, Stream
 from drivers.camera import Counters, Pixels, Setup
+from drivers.gige_setup import Payload
 from drivers.pixels import PixelError, eight_bit
 
 POLL_S = 0.05
@@ -24,17 +25,20 @@ class Received(NamedTuple):
     flaw: str
     pixels: Pixels | None
     payload: Pixels
+    exposure: tuple[float, float] | None  # us and dB, where the camera sends them along
+
+
+Reports = tuple[Callable[[Received], None], Callable[[], None]]
+"""What is called in the receive thread when a picture came, and when the control is lost."""
 
 
 class Receiver:
-    """From the opening of the stream to its end. `came` and `lost` are called in the receive thread."""
+    """From the opening of the stream to its end."""
 
-    def __init__(
-        self, device: Device, setup: Setup, stream: Stream, came: Callable[[Received], None], lost: Callable[[], None]
-    ) -> None:
-        self._device, self._setup, self._stream = device, setup, stream
-        self._came, self._lost = came, lost
-        self._bytes = setup.pixel_format.bytes_for(setup.region.width_px, setup.region.height_px)
+    def __init__(self, device: Device, setup: Setup, payload: Payload, stream: Stream, reports: Reports) -> None:
+        self._device, self._setup, self._payload, self._stream = device, setup, payload, stream
+        self._came, self._lost = reports
+        self._image_bytes = setup.pixel_format.bytes_for(setup.region.width_px, setup.region.height_px)
         self.packets = Counters()  # sent again on request, and missing for good
         self._stop = threading.Event()
         self._thread: threading.Thread | None = None
@@ -55,7 +59,7 @@ class Receiver:
 
     def _memory(self) -> Memory:
         """Room for one picture, with its pages mapped, so that receiving is not held up by that."""
-        memory = np.empty(self._bytes, np.uint8)
+        memory = np.empty(self._payload.size_bytes, np.uint8)
         memory.fill(0)
         return memory
 
@@ -77,7 +81,7 @@ class Receiver:
 
     def _judged(self, arrived: Arrived, received_ns: int) -> Received:
         """Nobody looks at pixels before the size is found to be right."""
-        flaw, pixels, payload = self._flaw(arrived), None, arrived.memory
+        flaw, pixels, payload = self._flaw(arrived), None, arrived.memory[: self._image_bytes]
         payload.flags.writeable = False
         if not flaw:
             region, pixel_format = self._setup.region, self._setup.pixel_format
@@ -86,7 +90,7 @@ class Receiver:
                 pixels.flags.writeable = False
             except PixelError as error:
                 flaw = f"picture {arrived.frame_id} {error}"
-        return Received(arrived.frame_id, arrived.device_ns, received_ns, flaw, pixels, payload)
+        return Received(arrived.frame_id, arrived.device_ns, received_ns, flaw, pixels, payload, arrived.exposure)
 
     def _flaw(self, arrived: Arrived) -> str:
         """Why a picture cannot be used, or nothing."""
@@ -101,7 +105,8 @@ class Receiver:
         wanted = (region.width_px, region.height_px, pixel_format.code, room)
         size = (arrived.width, arrived.height, arrived.pixel_format, arrived.received_bytes)
         if size == wanted:
-            return ""
+            unsaid = self._payload.with_chunks and arrived.exposure is None
+            return f"picture {number} came without the exposure time and gain that belong to it" if unsaid else ""
         return (
             f"picture {number} is {size[0]} x {size[1]} px, format {size[2]:#x}, {size[3]} bytes, "
             f"not {wanted[0]} x {wanted[1]} {pixel_format.name} of {room} bytes"

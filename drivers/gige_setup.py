@@ -7,6 +7,7 @@ replaces the picture is switched off, and a camera that keeps it on is refused.
 import threading
 import time
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from drivers.aravis import Device, Value
 from drivers.aravis_library import ACCESS_DENIED, NO_LINK, AravisError
@@ -17,6 +18,8 @@ CONTROL_RETRY_S = 0.1
 HEARTBEAT_MARGIN_S = 0.5
 DELAY_TOLERANCE_US = 1.0
 SOFTWARE_SOURCE = "Software"
+CHUNK_MODE, CHUNK_SELECTOR, CHUNKS = "ChunkModeActive", "ChunkSelector", ("ExposureTime", "Gain")
+LONGEST_CHUNKS = 65_536
 # Present on some cameras only. First what changes the size of a picture, then what changes its content.
 PLAIN: tuple[tuple[str, Value], ...] = (
     ("BinningHorizontal", 1),
@@ -26,7 +29,6 @@ PLAIN: tuple[tuple[str, Value], ...] = (
     ("ReverseX", False),
     ("ReverseY", False),
     ("TestPattern", "Off"),
-    ("ChunkModeActive", False),
     ("ExposureAuto", "Off"),
     ("GainAuto", "Off"),
 )
@@ -71,7 +73,14 @@ def take_control(device: Device, stop: threading.Event) -> None:
         stop.wait(CONTROL_RETRY_S)
 
 
-def set_format(device: Device, wanted: Wanted) -> None:
+class Payload(NamedTuple):
+    """What a picture is on the wire: so many bytes, and whether its exposure and gain are among them."""
+
+    size_bytes: int
+    with_chunks: bool
+
+
+def set_format(device: Device, wanted: Wanted) -> Payload:
     """Plain pixels of the region in the pixel format. Raises Refused, Mismatch, AravisError."""
     setup = wanted.setup
     device.clear_triggers()  # some cameras lock their format while they wait for a trigger
@@ -79,13 +88,30 @@ def set_format(device: Device, wanted: Wanted) -> None:
         if device.has(feature):
             _set(device, wanted.name, feature, value)
     _set_pixel_format(device, wanted)
+    with_chunks = _set_chunks(device, wanted.name)
     region = Region(*device.set_region(*setup.region))
     if region != setup.region:
         raise Refused(wanted.name, "read-back", f"asked for {setup.region}, it set {region}")
     payload, needed = device.payload(), setup.pixel_format.bytes_for(region.width_px, region.height_px)
-    if payload != needed:
+    most = needed + LONGEST_CHUNKS if with_chunks else needed
+    if not needed <= payload <= most:
         detail = f"a picture has {payload} bytes, not the {needed} of {region} {setup.pixel_format.name}"
         raise Mismatch(wanted.name, detail)
+    return Payload(payload, with_chunks)
+
+
+def _set_chunks(device: Device, name: str) -> bool:
+    """Have each picture bring its exposure time and gain, if the camera can; else nothing but pixels."""
+    if not device.has(CHUNK_MODE):
+        return False
+    _set(device, name, CHUNK_MODE, True)
+    if device.has(CHUNK_SELECTOR) and set(CHUNKS) <= set(device.choices(CHUNK_SELECTOR)):
+        for chunk in CHUNKS:
+            _set(device, name, CHUNK_SELECTOR, chunk)
+            _set(device, name, "ChunkEnable", True)
+        return True
+    _set(device, name, CHUNK_MODE, False)
+    return False
 
 
 def set_packet_delay(device: Device, wanted: Wanted) -> None:

@@ -6,6 +6,7 @@ import errno
 import fcntl
 import os
 import termios
+from collections.abc import Iterator
 
 import serial
 
@@ -18,7 +19,8 @@ PSEUDO_TERMINALS = range(136, 144)  # device major numbers
 
 def reason(error: Exception, path: str) -> str:
     """Why a port could not be opened, with the remedy where there is one."""
-    number = getattr(error, "errno", None)
+    inner = (each.args[0] for each in _all(error) if isinstance(each, termios.error))
+    number = int(getattr(error, "errno", None) or next(inner, 0))
     remedies = {
         errno.ENOENT: f"there is no {path}: is the adapter plugged in?",
         errno.EACCES: f"{path} may not be used: the service's user must be in the group of the port, usually dialout",
@@ -27,7 +29,14 @@ def reason(error: Exception, path: str) -> str:
         errno.EIO: f"{path} is no serial port that works",
         errno.ENOTTY: f"{path} is no serial port",
     }
-    return remedies.get(number or 0, str(error))
+    return remedies.get(number, str(error))
+
+
+def _all(error: BaseException | None) -> Iterator[BaseException]:
+    """An error and those that it came from."""
+    while error is not None:
+        yield error
+        error = error.__context__
 
 
 def _has_no_parity(path: str) -> bool:

@@ -106,8 +106,11 @@ class ModbusLink(asyncio.Protocol):
                 self.close()
         return self.outcome()
 
-    def begin(self, request: frames.Request, over: Callable[[], None]) -> None:
-        """Ask without a task to wait in: `over` is called once, when `outcome` is known, within the deadline."""
+    def begin(self, request: frames.Request, over: Callable[[], None], *, goes_on: bool = False) -> None:
+        """Ask without a task to wait in: `over` is called once, when `outcome` is known, within the deadline.
+
+        `goes_on`: this question belongs to the one before, and both together have one deadline.
+        """
         assert self._question is None, "one question at a time"
         loop = asyncio.get_running_loop()
         self._over, self._answer = over, None
@@ -117,7 +120,8 @@ class ModbusLink(asyncio.Protocol):
             return
         self.transaction = (self.transaction + 1) & 0xFFFF
         self._question = frames.Question(self.transaction, self._unit_id, request)
-        self._due_s = loop.time() + self._within_s
+        if not goes_on:
+            self._due_s = loop.time() + self._within_s
         if self._watchdog is None:
             self._watchdog = loop.call_at(self._due_s, self._watch)
         self._send(self._question.frame)

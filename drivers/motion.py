@@ -15,7 +15,7 @@ from drivers.rcx import Arch, Motion, Point, Position
 from drivers.reach import Limits, arm_angles_deg
 
 RISE = 0.25  # of a ramp's time, in which its acceleration builds up, and as long it goes away again
-SAMPLES = 32  # of a straight line, at which its axes are looked at
+SAMPLES = 64  # of a straight line, at which its axes are looked at
 STILL = 1e-9  # mm or degrees: an axis that does not move
 SEARCH_S = 1e-6
 

@@ -73,11 +73,11 @@ class PlcPicture:
 
 def read_picture(words: Sequence[int]) -> PlcImage:
     """Registers 100..131. Raises Garbled for a value without a meaning, Mismatch for another map."""
+    found = PlcImage(words).map_version
+    if found != MAP_VERSION:  # in another map nothing else means what it says
+        text = f"map version (register 101) is {found:#06x}, needed is {MAP_VERSION:#06x}"
+        raise Mismatch(DEVICE, f"{text}; load the PLC program of this cellctl")
     try:
-        image = decode(words)
+        return decode(words)
     except ValueError as error:
         raise Garbled(DEVICE, f"{error}; load the PLC program of this cellctl") from None
-    if image.map_version != MAP_VERSION:
-        found = f"map version (register 101) is {image.map_version:#06x}, needed is {MAP_VERSION:#06x}"
-        raise Mismatch(DEVICE, f"{found}; load the PLC program of this cellctl")
-    return image

@@ -51,15 +51,8 @@ class PlcPort:
         """Registers 100..131; nothing is written."""
         return self._layout.from_wire(await self._link.ask(self._look))
 
-    async def exchange(self, words: Sequence[int]) -> Sequence[int]:
-        """Write registers 0..15, then read 100..131."""
-        if self._one_request:
-            return self._layout.from_wire(await self._link.ask(self._swap(words)))
-        await self._link.write(self._layout.cell_at, self._layout.to_wire(words))
-        return await self.picture()
-
     def begin(self, words: Sequence[int] | None, over: Callable[[], None]) -> None:
-        """The same without a task to wait in: `over` is called at the end, well or not; None writes nothing."""
+        """Write registers 0..15 (None: nothing), then read 100..131; `over` is called at the end, well or not."""
         if words is None:
             self._link.begin(self._look, over)
         elif self._one_request:
@@ -74,7 +67,7 @@ class PlcPort:
 
     def _written(self, over: Callable[[], None]) -> None:
         if self._link.well:
-            self._link.begin(self._look, over)
+            self._link.begin(self._look, over, goes_on=True)
         else:
             over()
 

@@ -70,6 +70,8 @@ class Robot:
         payload_kg: float | None = None,
         dynamics: Dynamics = YK400XG,
     ) -> None:
+        if dialect not in DIALECTS:
+            raise ValueError(f"{dialect!r} is no generation of controllers: choose one of {', '.join(DIALECTS)}")
         self.limits = limits
         self.device = device
         self.dialect = DIALECTS[dialect]

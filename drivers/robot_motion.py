@@ -161,11 +161,11 @@ class Motions:
         while not moving.done():
             await asyncio.wait((moving,), timeout=WATCH_EVERY_S if answers else None)
             if not moving.done():
-                await _no_longer_than(moving, self._look(moving))
+                await self._look(moving)
 
     async def _look(self, moving: "asyncio.Future[None]") -> None:
         try:
-            status = await self._controller.status(within_s=WATCH_ANSWER_S)
+            status = await self._controller.glance(within_s=WATCH_ANSWER_S, ended=moving.done)
         except LinkLost:
             await asyncio.wait((moving,), timeout=STOP_S)  # it knows better why
             raise
@@ -173,7 +173,7 @@ class Motions:
             if self._controller.dialect.is_busy(refused.code):
                 return
             raise
-        if not (status.ready or moving.done()):
+        if status is not None and not status.ready:
             raise self._controller.talk.refusal(parse_failure(status.alarm), status.why_not_ready)
 
     def _longest_s(self, start: Position | None, motion: Motion) -> float:
@@ -212,19 +212,6 @@ async def _beside(operation: Coroutine[None, None, None], meanwhile: Meanwhile) 
             await uncancelled(_ended(moving))
         elif not moving.cancelled():
             moving.result()  # its own failure comes first
-
-
-async def _no_longer_than(moving: "asyncio.Future[None]", look: Coroutine[None, None, None]) -> None:
-    """Look, but let the end of the motion not wait for more than the answer under way."""
-    looking = asyncio.create_task(look)
-    try:
-        await asyncio.wait((moving, looking), return_when=asyncio.FIRST_COMPLETED)
-    finally:
-        if not looking.done():
-            looking.cancel()
-            await uncancelled(_ended(looking))
-    if not looking.cancelled():
-        looking.result()
 
 
 async def _ended(moving: "asyncio.Future[None]") -> None:

@@ -89,7 +89,7 @@ class V4l2Camera:
             try:
                 await self._opened(self._connection)
             except BaseException as error:
-                self._part(str(error) or "opening was cancelled")
+                self._part(error.detail if isinstance(error, DeviceError) else "opening was cancelled")
                 raise
             self._states.to(State.ARMED, Trigger.SOFTWARE)
 

@@ -86,15 +86,15 @@ class Controls:
         by_itself = trigger is Trigger.FREE or (trigger is Trigger.SOFTWARE and not self.has_software_trigger)
         if by_itself:
             if mode is not None:
-                self._set(mode.number, self._choice(mode, OFF_WORDS, 0), "trigger off")
+                self._insist(mode.number, self._choice(mode, OFF_WORDS, 0))
             return
         if mode is None:
             raise Refused(self._name, "no trigger", f"the device has no trigger by {trigger}")
         words = SOFTWARE_WORDS if trigger is Trigger.SOFTWARE else (setup.line.lower(), "external", "hardware")
         source = self._named(SOURCE_NAMES)
         if source is not None:
-            self._set(source.number, self._choice(source, words, None), f"trigger by {trigger}")
-        self._set(mode.number, self._choice(mode, words, 1), f"trigger by {trigger}")
+            self._insist(source.number, self._choice(source, words, None))
+        self._insist(mode.number, self._choice(mode, words, 1))
 
     def press(self) -> None:
         """Take one picture."""
@@ -145,9 +145,15 @@ class Controls:
         return abi.control_value(asked(self._node, abi.G_CTRL, abi.ask_control(number)))
 
     def _set_if_there(self, number: int, value: int) -> None:
-        control = self._by_number.get(number)
-        if control is not None and self._set(number, value, str(value)) != value:
-            raise Refused(self._name, "read-back", f"{control.name} was set to {value} and is not")
+        if number in self._by_number:
+            self._insist(number, value)
+
+    def _insist(self, number: int, value: int) -> None:
+        """Set a control to nothing but this. Raises Refused."""
+        got = self._set(number, value, str(value))
+        if got != value:
+            name = self._by_number[number].name
+            raise Refused(self._name, "read-back", f"{name} was set to {value} and is {got}")
 
     def _set(self, number: int, value: int, wanted: str) -> int:
         """Set a control and read it back. Raises Refused when the value is out of the control's range."""

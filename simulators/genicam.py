@@ -9,6 +9,8 @@ import io
 import zipfile
 from typing import NamedTuple
 
+from simulators import genicam_chunks
+
 MONO8 = 0x01080001
 PIXEL_FORMATS = {  # codes of the GigE Vision standard and of PFNC
     "Mono8": MONO8,
@@ -88,6 +90,9 @@ def registers(sensor: tuple[int, int], largest_packet: int) -> dict[str, Registe
         "SensorWidth": Register(0x10080, width, writable=False),
         "SensorHeight": Register(0x10084, height, writable=False),
         "PayloadSize": Register(0x10088, width * height, writable=False),
+        "ChunkModeActive": Register(0x10094, 0, 0, 1, locked=True),
+        "ChunkSelector": Register(0x10098, 0, 0, 1),
+        "ChunkEnable": Register(0x1009C, 1, 1, 1),
         "TemperatureMillideg": Register(0x10090, 41_500, 0, 100_000, writable=False),
         "GevHeartbeatTimeout": Register(HEARTBEAT_MS, 3_000, 500, 600_000),
         "GevTimestampControl": Register(TIMESTAMP_CONTROL),
@@ -115,6 +120,7 @@ CATEGORIES = {
         "TriggerSelector TriggerMode TriggerSource TriggerActivation TriggerSoftware ExposureTime ExposureAuto"
     ),
     "AnalogControl": "Gain GainAuto BlackLevel",
+    "ChunkDataControl": "ChunkModeActive ChunkSelector ChunkEnable ChunkExposureTime ChunkGain",
     "TransportLayerControl": (
         "PayloadSize GevSCPSPacketSize GevSCPSFireTestPacket GevSCPD GevHeartbeatTimeout "
         "GevTimestampTickFrequency GevTimestampControlLatch GevTimestampValue"
@@ -136,6 +142,7 @@ CHOICES = {
     "TriggerMode": {"Off": 0, "On": 1},
     "TriggerSource": {"Software": 0, "Line0": 1},
     "TriggerActivation": {"RisingEdge": 0},
+    "ChunkSelector": {"ExposureTime": 0, "Gain": 1},
     "ExposureAuto": {"Off": 0},
     "GainAuto": {"Off": 0},
 }
@@ -152,7 +159,7 @@ INTEGERS = (
     "BinningHorizontal",
     "BinningVertical",
 )
-SWITCHES = ("AcquisitionFrameRateEnable", "ReverseX", "ReverseY")
+SWITCHES = ("AcquisitionFrameRateEnable", "ReverseX", "ReverseY", "ChunkModeActive", "ChunkEnable")
 TRANSPORT_INTEGERS = ("GevSCPD", "GevHeartbeatTimeout")
 
 
@@ -262,6 +269,7 @@ def _features(table: dict[str, Register], sensor: tuple[int, int]) -> list[str]:
         *(_command(name, table[name].address, value) for name, value in COMMANDS.items()),
         *(_tag("Boolean", name, pValue=f"{name}Reg") for name in SWITCHES),
         *(_register(name, table[name].address, "RW") for name in SWITCHES),
+        *genicam_chunks.features(),
         _real("AcquisitionFrameRate", table["FramePeriodUs"], "Hz", "1000000 / FROM", "1000000 / TO"),
         _real("ExposureTime", table["ExposureNs"], "us", "FROM * 1000", "TO / 1000"),
         _real("Gain", table["GainMillidB"], "dB", "FROM * 1000", "TO / 1000"),

@@ -18,6 +18,7 @@ import numpy as np
 
 from simulators import genicam, gvcp
 from simulators.clock import Clock
+from simulators.genicam_chunks import with_chunks
 from simulators.gige_faults import Faults
 from simulators.gige_formats import Seen, pack
 from simulators.gvcp import Registers, Resend
@@ -201,7 +202,11 @@ class Imaging:
         pixel_format, exposure = self.registers["PixelFormat"], shot.exposure
         seen = self._render(exposure)
         place = exposure.offset_x, exposure.offset_y, exposure.width, seen.shape[0]
-        return Picture(pack(seen, pixel_format), shot.ticks, *place, pixel_format)
+        data = pack(seen, pixel_format)
+        has_chunks = bool(self.registers["ChunkModeActive"])
+        if has_chunks:
+            data = with_chunks(data, exposure.exposure_us, exposure.gain_db)
+        return Picture(data, shot.ticks, *place, pixel_format, has_chunks)
 
     def _render(self, exposure: Exposure) -> Seen:
         seen = self._picture(exposure)

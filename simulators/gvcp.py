@@ -9,7 +9,7 @@ import struct
 from enum import IntEnum, IntFlag
 from typing import NamedTuple
 
-from simulators import genicam
+from simulators import genicam, genicam_chunks
 from simulators.genicam import Register
 
 KEY = 0x42
@@ -254,7 +254,8 @@ class Registers:
         if not status:
             self._set(address, value)
             bits = self["PixelFormat"] >> genicam.BITS_PER_PIXEL & 0xFF
-            self["PayloadSize"] = (self["Width"] * self["Height"] * bits + 7) // 8
+            chunks = genicam_chunks.BYTES if self["ChunkModeActive"] else 0
+            self["PayloadSize"] = (self["Width"] * self["Height"] * bits + 7) // 8 + chunks
         return status
 
     def _set_packet(self, register: Register, value: int) -> Status:

@@ -25,7 +25,7 @@ from simulators.gvcp import Status
 PACKET_OVERHEAD = 36  # IP, UDP and stream headers
 UDP_OVERHEAD = 28
 LEADER, TRAILER, PAYLOAD = 0x01000000, 0x02000000, 0x03000000
-IMAGE = 1  # payload type
+IMAGE, CHUNKS = 1, 0x4000  # payload type, and what is added to it when chunks follow
 PACE_BPS = 2.5e9
 BLIND_GROUP_BYTES = 96_000  # half a stock receive buffer of 212,992 bytes, as the kernel counts
 USABLE = 0.8  # of what is free in the receiver's buffer
@@ -48,6 +48,7 @@ class Picture(NamedTuple):
     width: int
     height: int  # as announced; there may be fewer lines (a fault)
     pixel_format: int = MONO8
+    has_chunks: bool = False
 
 
 class Block:
@@ -80,8 +81,9 @@ class Block:
         height, width = picture.height, picture.width
         ticks = divmod(picture.ticks, 1 << 32)
         place = (width, height, picture.offset_x, picture.offset_y)
-        leader = struct.pack(">HHIIIIIIIHH", 0, IMAGE, *ticks, picture.pixel_format, *place, 0, 0)
-        return leader, struct.pack(">HHI", 0, IMAGE, height)
+        kind = IMAGE | CHUNKS if picture.has_chunks else IMAGE
+        leader = struct.pack(">HHIIIIIIIHH", 0, kind, *ticks, picture.pixel_format, *place, 0, 0)
+        return leader, struct.pack(">HHI", 0, kind, height)
 
     def _packet_headers(self, number: int) -> NDArray[np.uint8]:
         words = np.empty((self.last + 1, 2), ">u4")

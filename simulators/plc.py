@@ -172,11 +172,16 @@ class PlcServer:
     # -- the cycle -----------------------------------------------------------------------------------------------
 
     async def _tick(self) -> None:
+        """Cycle after cycle. World time waits for each; the next wait begins before the last one ends."""
         clock = self._world.clock
-        while True:
-            with clock.due_by(clock.now() + LONGEST_STEP_S):
+        with contextlib.ExitStack() as waits:
+            waits.enter_context(clock.due_by(clock.now() + LONGEST_STEP_S))
+            while True:
                 await asyncio.sleep(max(CYCLE_S / clock.speed, SHORTEST_PAUSE_WALL_S))
-            self._scan()
+                self._scan()
+                before = waits.pop_all()
+                waits.enter_context(clock.due_by(clock.now() + LONGEST_STEP_S))
+                before.close()
 
     def _scan(self, unless_younger_s: float = 0.0) -> None:
         """One PLC cycle; not when the last one is younger than that, nor inside another one."""

@@ -55,12 +55,14 @@ class PlcProgram:
         self._actuators = Actuators(world)
         terminals = inputs(world, photo_switch, button)
         places, self._outputs = self.machine.located("%I"), self.machine.located("%Q")
-        if odd := (places.keys() ^ terminals.keys()) | (self._outputs.keys() ^ OUTPUTS):
-            raise _refused(source, f"terminals that are not wired, or lack: {', '.join(sorted(odd))}")
+        registers = self.machine.located("%M")
+        strange = registers.keys() - {f"%MW{register}" for register in (*ORDERS, *PICTURE)}
+        if odd := (places.keys() ^ terminals.keys()) | (self._outputs.keys() ^ OUTPUTS) | strange:
+            raise _refused(source, f"addresses that are not wired, or lack: {', '.join(sorted(odd))}")
         self._inputs = [(places[address], read) for address, read in terminals.items()]
-        registers = {int(address[3:]): at for address, at in self.machine.located("%MW").items()}
-        self._orders = [(at, register) for register, at in registers.items() if register in ORDERS]
-        self._picture = [(at, register) for register, at in registers.items() if register in PICTURE]
+        words = {int(address.removeprefix("%MW")): at for address, at in registers.items()}
+        self._orders = [(at, register) for register, at in words.items() if register in ORDERS]
+        self._picture = [(at, register) for register, at in words.items() if register in PICTURE]
 
     def scan(self, now_world_s: float, now_wall_s: float) -> None:
         """One PLC cycle: read, execute, drive, publish. Raises StFault when the program fails."""

@@ -9,7 +9,7 @@ import asyncio
 import random
 import struct
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 from drivers.errors import DeviceError
 from drivers.plc_layout import PlcAddress
@@ -69,6 +69,14 @@ class Gateway(asyncio.Protocol):
         self._transport.write(data)
 
 
+async def exchange(port: PlcPort, words: list[int]) -> Sequence[int]:
+    """One, waited for."""
+    over = asyncio.get_running_loop().create_future()
+    port.begin(words, lambda: over.set_result(None))
+    await over
+    return port.outcome()
+
+
 async def storm(
     bad_answers: int, progress: Callable[[int], None] = lambda bad: None
 ) -> tuple[Counter[str], Counter[str]]:
@@ -91,7 +99,7 @@ async def storm(
                 await port.open()
                 while bad() < bad_answers:
                     word = chance.randrange(0x10000)
-                    picture = await port.exchange([word] + 15 * [0])
+                    picture = await exchange(port, [word] + 15 * [0])
                     taken["right" if set(picture) == {word} else "wrong"] += 1
             except DeviceError as error:
                 taken[type(error).__name__] += 1

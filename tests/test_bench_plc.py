@@ -4,7 +4,7 @@ from tests.benchmarks import bench_plc, bench_reaction
 
 
 def test_the_cost_of_the_driver_is_measured_beside_others_and_no_bad_answer_is_taken() -> None:
-    result = bench_plc.measure(100, 0.5, 100)
+    result = bench_plc.measure(100, 0.3, 60)
 
     assert set(result["exchange"]) == {"driver", "pymodbus"}
     for row in result["exchange"].values():

@@ -1,10 +1,12 @@
 """The robot driver's benchmark in short: it runs, and its rows say what it promises."""
 
+import asyncio
+
 import pytest
 
 from drivers.rcx2 import Rcx2
 from drivers.rcx3 import Rcx3
-from tests.benchmarks.bench_robot import line_ms, measure, parsed_per_s, table
+from tests.benchmarks.bench_robot import line_ms, measure, parsed_per_s, table, unit_times
 
 
 def test_a_question_takes_the_driver_little_longer_than_a_bare_client():
@@ -12,8 +14,11 @@ def test_a_question_takes_the_driver_little_longer_than_a_bare_client():
     assert 2 <= row["bare_p50_ms"] <= row["bare_p99_ms"]
     assert 2 <= row["driver_p50_ms"] <= row["driver_p99_ms"]
     assert 0 < row["cpu_per_move_ms"] < 100
-    result = {"round_trips": [row], "lines_parsed_per_s": {"rcx3": 1e5}}
-    assert len(table(result).splitlines()) == 3
+    unit = asyncio.run(unit_times())
+    assert unit["worst_stretch_off_percent"] < 5
+    assert unit["ratio"] < 0.9
+    result = {"round_trips": [row], "lines_parsed_per_s": {"rcx3": 1e5}, "unit": unit}
+    assert len(table(result).splitlines()) == 5
 
 
 def test_every_line_of_both_generations_is_parsed():

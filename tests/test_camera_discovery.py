@@ -14,6 +14,7 @@ from drivers.gige import GigeCamera
 from drivers.gige_discovery import Sighting, discover, where_instead
 from drivers.gvcp import Found
 from drivers.network import Nic, nic_towards, nics, receiving
+from simulators import gvcp as camera_side
 from tests.gige_rig import fresh_ip, rig, setup
 
 TEXT = st.text(st.characters(codec="ascii", exclude_categories=["C"]), max_size=15).map(str.strip)
@@ -72,6 +73,22 @@ def test_an_answer_says_what_the_camera_is(model: str, serial: str, address, pre
     assert found.interface.network == (interface.network if prefix else IPv4Interface(f"{address}/32").network)
     assert gvcp.answer(struct.pack(">HHHH", 0, 3, 248, 8) + body, 7) is None  # of another question
     assert gvcp.answer(struct.pack(">HHHH", 0x8006, 3, 248, 7) + body, 7) is None  # a refusal
+
+
+@given(st.binary(min_size=6, max_size=6), st.ip_addresses(v=4), st.integers(0, 32), st.integers(1, 0xFFFF))
+@settings(max_examples=40, deadline=None)
+def test_an_order_to_take_an_address_is_understood_as_it_is_meant(mac: bytes, address, prefix: int, number: int):
+    interface = IPv4Interface(f"{address}/{prefix}")
+    request = camera_side.decode(gvcp.force_ip(number, mac.hex(":"), interface))
+    assert request is not None
+    assert (request.command, request.number, len(request.body)) == (0x0004, number, 56)
+    assert camera_side.forced(request.body) == (mac, str(address), int(interface.netmask))
+
+
+@given(st.binary(max_size=80))
+@settings(max_examples=40, deadline=None)
+def test_an_order_of_another_length_moves_no_camera(body: bytes):
+    assert (camera_side.forced(body) is None) is (len(body) != 56)
 
 
 @pytest.mark.parametrize(

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from cellctl.arm import build_robot, limits_of
 from cellctl.config import CellConfig, load_config
 from cellctl.strict_toml import SettingsError
+from drivers.plc_layout import Layout
 
 DEPLOY = Path(__file__).parent.parent / "deploy"
 CELL, SIMULATED = DEPLOY / "cell.toml", DEPLOY / "simulated-cell.toml"
@@ -77,6 +78,20 @@ def test_the_simulated_cell_differs_from_the_cell_only_in_how_it_is_reached():
     assert real == simulated
 
 
+def test_how_a_plc_offers_its_registers_reaches_the_driver(config):
+    replaced = (
+        ('exchange = "fc23"', 'exchange = "fc4+fc16"'),
+        ("cell_registers_at = 0", "cell_registers_at = 12"),
+        ("plc_registers_at = 100", "plc_registers_at = 0"),
+        ('byte_order = "high_first"', 'byte_order = "low_first"'),
+        ('word_order = "high_first"', 'word_order = "low_first"'),
+    )
+    address = config(*replaced).plc.address
+    assert address.exchange == "fc4+fc16"
+    assert address.layout == Layout(12, 0, low_byte_first=True, low_word_first=True)
+    assert config().plc.address.layout == Layout()
+
+
 def test_relative_paths_count_from_the_folder_of_the_file(config, tmp_path):
     cell = config(('"/var/log/cellctl"', '"logs/../log"'))
     assert cell.paths.log == tmp_path / "log"
@@ -131,6 +146,15 @@ def test_a_host_that_no_device_can_have_is_refused(refused, host):
             [('exchange = "fc23"', 'exchange = "fc16"')],
             ['plc.exchange: must be "fc23", "fc3+fc16" or "fc4+fc16" (got "fc16")'],
         ),
+        (
+            [("plc_registers_at = 100", "plc_registers_at = 10")],
+            ["plc.plc_registers_at: cellctl's registers 0..15 overlap the PLC's 10..41 on the wire"],
+        ),
+        (
+            [("cell_registers_at = 0", "cell_registers_at = 65530")],
+            ["plc.plc_registers_at: cellctl's registers 65530..65545 are not all in 0..65535"],
+        ),
+        ([('byte_order = "high_first"', 'byte_order = "big"')], ["plc.byte_order: must be"]),
         ([("192.168.10.32", "192.168.10.31")], ["camera_2.address: is also the address of camera_1"]),
         ([("CAM-2-SERIAL", "CAM-1-SERIAL")], ["camera_2.serial: is also the serial of camera_1"]),
         (

@@ -43,7 +43,7 @@ def bring(time: Time, made: Conveyor) -> None:
     time.now_s += 1.0
 
 
-@settings(max_examples=30)
+@settings(max_examples=30, deadline=None)
 @given(st.lists(st.tuples(st.booleans(), st.floats(0.0, 0.5)), max_size=8))
 def test_the_way_is_the_integral_of_the_speed_whatever_the_motor_does(orders: list[tuple[bool, float]]) -> None:
     time = Time()
@@ -61,6 +61,7 @@ def test_the_way_is_the_integral_of_the_speed_whatever_the_motor_does(orders: li
     assert belt.ran_mm() == pytest.approx(summed_mm, abs=0.02 * (1 + len(orders)))
 
 
+@settings(max_examples=50, deadline=None)
 @given(st.floats(0.05, 0.4), st.floats(0.0, 60.0))
 def test_the_time_at_which_a_way_is_run_is_exact_while_speeding_up_and_coasting_down(on_s: float, mm: float) -> None:
     time = Time()

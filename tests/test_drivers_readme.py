@@ -1,13 +1,16 @@
 """What drivers/README.md says is so."""
 
 import re
+import textwrap
+import tomllib
 from pathlib import Path
 
 import pytest
 
 import drivers.errors
-import drivers.link_address
+from cellctl.config import RobotConfig
 from cellctl.config_arm import ArmSpeeds
+from cellctl.config_pulses import PulseConfig
 from cellctl.faults import FAULTS
 from drivers.errors import DeviceError
 from drivers.rcx_codes import GROUPS, RCX2, RCX3
@@ -65,11 +68,12 @@ def test_the_commands_it_names_are_there(command):
     assert ended.out.startswith("Usage: ")
 
 
-@pytest.mark.parametrize("option", sorted(set(re.findall(r"`(?:\w+) = \"[^`]*\"`", README))))
-def test_the_addresses_it_gives_are_addresses(option):
-    key, value = option.strip("`").split(" = ")
-    if key == "address":
-        drivers.link_address.parse_address(value.strip('"'))
+@pytest.mark.parametrize("line", sorted(set(re.findall(r"`(\w+ = [^`]+)`", README))))
+def test_the_keys_it_gives_are_those_of_a_robot_in_cell_toml(line):
+    key = line.partition(" = ")[0]
+    text = (ROOT / "deploy" / "cell.toml").read_text(encoding="utf-8")
+    robot = tomllib.loads(text)["robot"] | {key: tomllib.loads(line)[key]}
+    assert getattr(RobotConfig.model_validate(robot), key) == tomllib.loads(line)[key]
 
 
 @pytest.mark.parametrize(
@@ -79,6 +83,17 @@ def test_the_files_it_names_exist(name):
     assert (ROOT / name).exists()
 
 
+def table_of(name):
+    """A table of cell.toml as the page has it."""
+    (told,) = re.findall(rf"(\[robot\.{name}\]\n.*?)\n\n", README, re.DOTALL)
+    return told
+
+
 def test_the_speeds_it_names_are_keys_of_cell_toml():
-    (told,) = re.findall(r"\[robot\.speeds\]\n(.*?)\n\n", README, re.DOTALL)
-    assert set(re.findall(r"\w+_per_s2?", told)) == set(ArmSpeeds.model_fields)
+    assert set(re.findall(r"\w+_per_s2?", table_of("speeds"))) == set(ArmSpeeds.model_fields)
+    ArmSpeeds.model_validate(tomllib.loads(textwrap.dedent(table_of("speeds")))["robot"]["speeds"], strict=False)
+
+
+def test_the_pulses_it_gives_are_pulses():
+    found = tomllib.loads(textwrap.dedent(table_of("pulses")))["robot"]["pulses"]
+    assert PulseConfig.model_validate(found).limits.per == tuple(found["per_deg_or_mm"])

@@ -110,7 +110,7 @@ async def test_a_picture_that_cannot_be_completed_is_lost_and_the_next_is_good(w
             r.server.inject("drop_resends", ratio=1.0)
         else:
             r.server.inject("resend_unavailable")
-        with pytest.raises(FrameLost, match=r"camera 1: picture 1 came incomplete: timeout, .* of 307200 bytes"):
+        with pytest.raises(FrameLost, match=r"camera 1: picture 1 came incomplete: timeout, .* of 307240 bytes"):
             await camera.grab()
         r.server.inject("clear")
         assert r.scene.was_seen_in(await camera.grab())

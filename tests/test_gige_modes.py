@@ -9,8 +9,9 @@ import pytest
 
 from drivers import gige_inbox
 from drivers.camera import Region, Setup, State, Trigger
-from drivers.errors import FrameLost, LinkLost, NoAnswer, Refused
+from drivers.errors import FrameLost, LinkLost, Mismatch, NoAnswer, Refused
 from drivers.pixels import BY_NAME, RAW10P
+from simulators import genicam
 from simulators.genicam import PIXEL_FORMATS, Register
 from simulators.gige import Exposure
 from tests.gige_rig import SMALL, rig, setup, until
@@ -86,7 +87,7 @@ async def test_a_camera_that_bins_or_mirrors_for_good_is_refused(feature: str, k
 @pytest.mark.parametrize(
     ("kind", "says"),
     [
-        ("shorter", "640 x 480 px, format 0x1080001, 307100 bytes, not 640 x 480 Mono8 of 307200 bytes"),
+        ("shorter", "640 x 480 px, format 0x1080001, 307140 bytes, not 640 x 480 Mono8 of 307240 bytes"),
         ("wider", "1280 x 240 px"),
         ("deeper", "format 0x1100003"),
     ],
@@ -122,6 +123,64 @@ async def test_bytes_after_the_end_of_a_picture_change_nothing():
                 continue
             assert r.scene.was_seen_in(frame)
             assert frame.payload.nbytes == SMALL[0] * SMALL[1]
+
+
+async def test_a_picture_says_itself_how_it_was_exposed():
+    async with rig() as r, r.open_camera() as camera:
+        await camera.configure(exposure_us=900.0, gain_db=1.5)
+        frame = await camera.grab()
+        assert (frame.exposure_us, frame.gain_db) == (900.0, 1.5)
+        r.server.registers["ExposureNs"], r.server.registers["GainMillidB"] = 777_000, 3_000  # by nobody's order
+        frame = await camera.grab()
+        assert (frame.exposure_us, frame.gain_db) == (777.0, 3.0)
+        assert r.scene.was_seen_in(frame)
+        assert frame.payload.nbytes == SMALL[0] * SMALL[1]
+
+
+async def test_a_picture_whose_exposure_is_damaged_is_lost():
+    async with rig() as r, r.open_camera() as camera:
+        right = r.server._imaging._as_sent
+
+        def damaged(shot):
+            sent = right(shot)
+            sent.data[-40:] = 0
+            return sent
+
+        r.server._imaging._as_sent = damaged
+        with pytest.raises(FrameLost, match="without the exposure time and gain that belong to it"):
+            await camera.grab()
+
+
+async def test_a_camera_that_cannot_say_it_with_the_picture_is_believed_at_its_word(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setitem(genicam.CHOICES, "ChunkSelector", {"LineStatusAll": 0, "CounterValue": 1})
+    async with rig() as r:
+        r.server.registers["ChunkModeActive"] = 1
+        async with r.open_camera() as camera:
+            await camera.configure(exposure_us=900.0)
+            frame = await camera.grab()
+            assert r.server.registers["ChunkModeActive"] == 0
+    assert frame.exposure_us == 900.0
+    assert r.scene.was_seen_in(frame)
+
+
+async def test_a_camera_whose_clock_stands_is_refused():
+    async with rig() as r, r.camera() as camera:
+        act = r.server._act
+        r.server._act = lambda at, value: act(at, value) if at != genicam.TIMESTAMP_CONTROL else None
+        with pytest.raises(Mismatch, match="no clock that can be read and runs, so stale pictures would pass"):
+            await camera.open()
+
+
+async def test_a_picture_dated_by_another_clock_is_lost():
+    async with rig() as r, r.open_camera() as camera:
+        right = r.server._imaging._as_sent
+        r.server._imaging._as_sent = lambda shot: right(shot)._replace(ticks=shot.ticks + 3_000_000_000)
+        with pytest.raises(FrameLost, match=r"dated 3\.0 s after it came|dated 2\.9 s after it came"):
+            await camera.grab()
+        await camera.arm(Trigger.LINE)
+        r.server.pulse_line()
+        with pytest.raises(FrameLost, match="the camera dates by another clock"):
+            await camera.next_frame()
 
 
 async def test_a_camera_waits_between_packets_as_it_is_told():

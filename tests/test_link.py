@@ -1,20 +1,27 @@
 """The line link against real sockets and pseudo terminals."""
 
 import asyncio
+import fcntl
 import os
 import random
 import re
+import termios
 import tty
 from contextlib import asynccontextmanager
 
 import pytest
+import serial
 from hypothesis import given
 from hypothesis import strategies as st
 
+import drivers.link
+from drivers import link_serial
 from drivers.errors import Garbled, LinkLost, NoAnswer
 from drivers.link import MOST_LINES, LineLink
 from drivers.link_address import SerialAddress, TcpAddress, parse_address
 from drivers.link_lines import LONGEST_LINE, LineSplitter
+
+TIOCGEXCL = 0x80045440  # asks whether a terminal is closed to others
 
 
 @asynccontextmanager
@@ -63,6 +70,7 @@ def send_much(link):
 def test_addresses_are_read():
     assert parse_address("tcp://192.168.0.2:23") == TcpAddress("192.168.0.2", 23)
     assert parse_address("serial:/dev/ttyS0") == SerialAddress("/dev/ttyS0", 9600, "odd", "xonxoff")
+    assert parse_address("/dev/ttyS0?baud=4800") == SerialAddress("/dev/ttyS0", 4800, "odd", "xonxoff")
     assert parse_address("serial:/dev/ttyUSB0?baud=38400&parity=none&flow=rtscts") == SerialAddress(
         "/dev/ttyUSB0", 38400, "none", "rtscts"
     )
@@ -276,9 +284,104 @@ async def test_a_serial_line_is_held_by_one_only(terminal):
     await other.close()
 
 
-async def test_a_serial_port_that_is_not_there_is_a_lost_link():
-    with pytest.raises(LinkLost, match="no connection to serial:/dev/nothing"):
-        await LineLink("serial:/dev/nothing", device="robot").open()
+async def test_a_held_serial_line_is_closed_to_other_programs_too_and_opened_again_afterwards(terminal):
+    _, path = terminal
+    link = LineLink(path, device="robot")
+    await link.open()
+    with pytest.raises(LinkLost, match=f"{path} is in use by another program"):
+        await LineLink(path, device="robot").open()
+    assert exclusive(path)
+    await link.close()
+    assert not exclusive(path)
+
+
+def exclusive(path):
+    fd = os.open(path, os.O_RDWR | os.O_NOCTTY)
+    try:
+        return fcntl.ioctl(fd, TIOCGEXCL, b"\0\0\0\0") != b"\0\0\0\0"
+    finally:
+        os.close(fd)
+
+
+@pytest.mark.parametrize(
+    ("settings", "flags", "speed"),
+    [
+        ("", termios.IXON | termios.IXOFF, termios.B9600),
+        ("?baud=38400&flow=none", 0, termios.B38400),
+        ("?baud=115200&flow=rtscts", 0, termios.B115200),
+    ],
+)
+async def test_a_serial_port_gets_its_settings(terminal, settings, flags, speed):
+    _, path = terminal
+    link = LineLink(f"serial:{path}{settings}", device="robot")
+    await link.open()
+    fd = os.open(path, os.O_RDWR | os.O_NOCTTY)
+    input_flags, _, control, local, *speeds, _ = termios.tcgetattr(fd)
+    os.close(fd)
+    await link.close()
+    assert input_flags & (termios.IXON | termios.IXOFF) == flags
+    assert bool(control & termios.CRTSCTS) is ("rtscts" in settings)
+    assert control & termios.CSIZE == termios.CS8
+    assert not control & termios.CSTOPB
+    assert not local & (termios.ICANON | termios.ECHO)
+    assert speeds == [speed, speed]
+
+
+@pytest.mark.parametrize("parity", ["none", "odd", "even"])
+async def test_a_real_port_gets_its_parity(terminal, parity, monkeypatch):
+    """A pseudo terminal has none, so it is the request for it that is looked at."""
+    asked = {}
+
+    class Port(serial.Serial):
+        def __init__(self, *args, **settings):
+            asked.update(settings)
+            super().__init__(*args, **settings | {"parity": serial.PARITY_NONE})
+
+    monkeypatch.setattr(serial, "Serial", Port)
+    monkeypatch.setattr(link_serial, "_has_no_parity", lambda path: False)
+    link = LineLink(f"{terminal[1]}?parity={parity}", device="robot")
+    await link.open()
+    await link.close()
+    assert asked["parity"] == {"none": "N", "odd": "O", "even": "E"}[parity]
+    assert asked["exclusive"] is True
+
+
+@pytest.mark.parametrize(
+    ("path", "why"),
+    [
+        ("/dev/nothing", "there is no /dev/nothing: is the adapter plugged in"),
+        ("/dev/null", "/dev/null is no serial port"),
+    ],
+)
+async def test_a_port_that_cannot_be_opened_is_named_with_the_reason(path, why):
+    with pytest.raises(LinkLost, match=re.escape(f"no connection to serial:{path}: {why}")):
+        await LineLink(f"serial:{path}", device="robot").open()
+
+
+async def test_what_is_sent_can_be_waited_for_until_it_is_taken(terminal):
+    near, path = terminal
+    link = LineLink(path, device="robot")
+    await link.open()
+    reading = asyncio.create_task(heard(near, 300 * 82))
+    for _ in range(300):
+        link.send("@" + "x" * 79)
+        await link.drained()
+    assert len(await reading) == 300 * 82
+    await link.close()
+
+
+async def test_a_line_that_is_not_taken_in_time_is_told(terminal, monkeypatch):
+    monkeypatch.setattr(drivers.link, "DRAIN_S", 0.05)
+    link = LineLink(terminal[1], device="robot")
+    await link.open()
+    with pytest.raises(NoAnswer, match="does not take"):
+        await send_and_wait(link)
+
+
+async def send_and_wait(link):
+    for _ in range(1000):
+        link.send("@" + "x" * 79)
+        await link.drained()
 
 
 async def test_bytes_of_an_earlier_conversation_are_not_delivered(terminal):

@@ -98,7 +98,7 @@ def test_the_catalogue_s_standard_cycle_takes_what_the_catalogue_says():
 
 def test_motions_that_blend_take_less_than_the_same_one_by_one():
     start = Position(Point(200.0, -220.0, 60.0, 0.0), RIGHTY)
-    places = Point(300.0, -120.0, 60.0, 0.0), Point(301.0, -119.0, 60.0, 0.5)
+    places = Point(300.0, -120.0, 60.0, 0.0), Point(320.0, -90.0, 60.0, 10.0)
     apart = [Motion(place, RIGHTY, speed_pct) for place, speed_pct in zip(places, (100, 20), strict=True)]
     blended = [Motion(places[0], RIGHTY, 100, blends=True), apart[1]]
     one_by_one = through_s(start, apart, LIMITS, YK400XG)

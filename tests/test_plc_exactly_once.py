@@ -3,6 +3,7 @@
 import asyncio
 import contextlib
 import random
+from collections import Counter
 
 import pytest
 
@@ -49,10 +50,12 @@ STORM = Trouble(late=0.03, late_s=0.25, duplicate=0.02, stale=0.02, lose=0.02, c
 
 async def test_through_a_storm_of_everything_every_unit_comes_and_goes_exactly_once() -> None:
     """I4 and I6: none lost, none twice, whatever was lost on the way; a person resets what the watchdog dropped."""
-    await together((f"seed {seed}", survives_a_storm(seed)) for seed in range(4))
+    accidents = Counter[str]()
+    await together((f"seed {seed}", survives_a_storm(seed, accidents)) for seed in range(4))
+    assert accidents.total() > 12
 
 
-async def survives_a_storm(seed: int) -> None:
+async def survives_a_storm(seed: int, accidents: Counter[str]) -> None:
     chance, released = random.Random(seed), []
     async with wired(seed=seed, speed=10.0) as c:
         c.proxy.haunted, c.proxy.down, c.proxy.up = True, STORM, Trouble(lose=0.01, cut=0.003, jitter_s=0.004)
@@ -68,7 +71,7 @@ async def survives_a_storm(seed: int) -> None:
         assert c.world.left == released
         assert [carrier for carrier, _ in released] == [501, 502, 503]
         assert c.world.brought == 3
-        assert sum(c.proxy.counts.values()) > 3
+        accidents += c.proxy.counts
 
 
 async def gusts(c: WiredCell, chance: random.Random) -> None:

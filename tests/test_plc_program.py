@@ -223,7 +223,7 @@ def test_numbers_and_heartbeats_wrap_around(number: int, heartbeat: int) -> None
 # -- inputs and outputs --------------------------------------------------------------------------------------------
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=30, deadline=None)
 @given(st.lists(st.tuples(st.booleans(), st.integers(1, 6)), max_size=30))
 def test_a_level_of_the_switch_counts_when_it_has_stood_for_20_ms(levels: list[tuple[bool, int]]) -> None:
     bench = live()
@@ -258,6 +258,7 @@ def test_buttons_are_debounced_and_counted_modulo_256() -> None:
     assert bench[105] & 0xE0 == 0x40
 
 
+@settings(max_examples=50, deadline=None)
 @given(st.floats(-110.0, 20.0))
 def test_the_vacuum_is_told_in_tenths_of_a_kpa(kpa: float) -> None:
     bench = live()
@@ -277,6 +278,7 @@ def test_vacuum_reached_has_a_hysteresis_from_40_to_35_kpa() -> None:
     assert seen == [False, False, True, True, False, False]
 
 
+@settings(max_examples=50, deadline=None)
 @given(st.integers(0, 0xFF))
 def test_each_output_bit_reaches_its_actuator(bits: int) -> None:
     bench = live()

@@ -103,7 +103,7 @@ def test_the_plc_is_starting_for_20_ms_and_takes_no_command() -> None:
 facts = st.tuples(st.booleans(), st.booleans(), st.booleans())
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=30, deadline=None)
 @given(st.lists(facts, min_size=1, max_size=30))
 def test_every_fall_of_a_safety_fact_is_latched_until_the_latches_are_reset(history) -> None:  # type: ignore[no-untyped-def]
     bench = live()

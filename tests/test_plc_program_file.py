@@ -22,7 +22,14 @@ from tests.plc_bench import (
 def test_a_program_with_other_terminals_is_refused_by_name(tmp_path: Path) -> None:
     other = tmp_path / "other.st"
     other.write_text(DELIVERED.read_text().replace("airInput AT %IX0.6", "airInput AT %IX0.7"))
-    with pytest.raises(StError, match=r"1:1: terminals that are not wired, or lack: %IX0\.6, %IX0\.7"):
+    with pytest.raises(StError, match=r"1:1: addresses that are not wired, or lack: %IX0\.6, %IX0\.7"):
+        Bench(source=other)
+
+
+def test_a_program_with_a_register_outside_the_map_is_refused_by_name(tmp_path: Path) -> None:
+    other = tmp_path / "other.st"
+    other.write_text(DELIVERED.read_text().replace("AT %MW119", "AT %MW19"))
+    with pytest.raises(StError, match=r"addresses that are not wired, or lack: %MW19$"):
         Bench(source=other)
 
 

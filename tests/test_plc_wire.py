@@ -113,13 +113,13 @@ def test_a_request_is_told_in_words(case: tuple[Question, bytes, list[int]]) -> 
 
 async def test_of_late_doubled_and_reordered_answers_none_is_ever_taken_for_another() -> None:
     """`make bench-plc` does it with 10,000."""
-    sent, taken = await storm(1500)
+    sent, taken = await storm(800)
 
-    assert min(sent[kind] for kind in ("doubled", "out of turn", "late, on another connection")) > 100
+    assert min(sent[kind] for kind in ("doubled", "out of turn", "late, on another connection")) > 50
     assert taken["wrong"] == 0
-    assert taken["right"] > 1000
-    assert taken["NoAnswer"] > 100
-    assert taken["Garbled"] > 500
+    assert taken["right"] > 500
+    assert taken["NoAnswer"] > 50
+    assert taken["Garbled"] > 250
 
 
 async def test_the_number_of_a_question_goes_on_over_connections() -> None:
@@ -273,3 +273,18 @@ async def test_the_newest_packets_are_kept_and_read_like_sentences() -> None:
         assert len(sent) in (199, 200, 201)
         assert str(sent[-1]).endswith("FC23 reading registers 100..131 and writing registers 0..15")
         assert packets[-1].at_s - packets[0].at_s > 1
+
+
+@pytest.mark.parametrize("exchange", ["fc23", "fc3+fc16", "fc4+fc16"])
+async def test_an_exchange_of_two_requests_has_the_deadline_of_one(exchange: Any) -> None:
+    async with brand(cell_at=0, plc_at=100, inputs=exchange == "fc4+fc16") as (_, server):
+        plc = Plc("127.0.0.1", server.port, exchange=exchange)
+        async with running(plc):
+            await plc.ready(within_s=2)
+            watch = asyncio.create_task(plc.unsafe())
+            await asyncio.sleep(0.05)
+            server.troubles.delay_s = 0.15 if exchange != "fc23" else 0.3  # of each answer
+            began_s = asyncio.get_running_loop().time()
+
+            assert "no answer within 200 ms" in await watch
+            assert asyncio.get_running_loop().time() - began_s < 0.33

@@ -442,6 +442,11 @@ async def test_a_controller_that_talks_to_another_client_hangs_up():
         await second.close()
 
 
+def test_a_generation_that_there_is_not_is_refused():
+    with pytest.raises(ValueError, match="'rcx4' is no generation of controllers: choose one of rcx3, rcx2"):
+        Robot("tcp://127.0.0.1:1", limits=Limits(), dialect="rcx4")
+
+
 async def test_nobody_there_is_a_lost_link():
     with pytest.raises(LinkLost, match="no connection"):
         await Robot("tcp://127.0.0.1:1", limits=Limits()).open()

@@ -10,6 +10,7 @@ from contextlib import asynccontextmanager
 
 import pytest
 
+import drivers.controller
 import drivers.conversation
 import drivers.rcx2
 import drivers.robot_motion
@@ -30,6 +31,7 @@ LOADED = 4  # the machine that tests run on may be this busy
 def brisk(monkeypatch):
     monkeypatch.setattr(drivers.conversation, "SILENCE_S", 0.03)
     monkeypatch.setattr(drivers.rcx2.Rcx2, "greeting_s", 0.02)
+    monkeypatch.setattr(drivers.controller, "FRESH_S", 5.0)  # so that injected refusals meet what they are meant for
 
 
 @asynccontextmanager
@@ -122,7 +124,7 @@ async def test_r2_a_late_end_is_waited_for_and_a_lost_one_never_leads_to_a_secon
 
 
 @DIALECTS
-@pytest.mark.parametrize("code", ["5.201", "6.282", "2.334", "2.335", "6.301", "6.399", "14.211", "0.21"])
+@pytest.mark.parametrize("code", ["5.201", "6.282", "2.334", "6.301", "14.211"])
 async def test_r3_a_refusal_is_typed_moves_nothing_and_is_not_repeated(dialect, code):
     async with robot_in(dialect, speed=20) as (bench, robot):
         await robot.move(NEAR, speed_pct=100)

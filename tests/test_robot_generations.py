@@ -66,10 +66,10 @@ async def test_moves_end_at_their_targets_with_the_elbow_where_it_shall_be(line)
     assert bench.controller.log.of("refused", "halted") == []
 
 
-@LINES
-async def test_a_way_is_gone_without_stops_and_its_end_is_exact(line):
+@DIALECTS
+async def test_a_way_is_gone_without_stops_and_its_end_is_exact(dialect):
     legs = [Leg(Point(260, y, 0, 0), 100, straight=True) for y in (40, 80, 120)]
-    async with robot_on(speed=5, **line) as (bench, robot):
+    async with robot_on(speed=5, dialect=dialect) as (bench, robot):
         await robot.move(Point(260, 0, 0, 0), speed_pct=100)
         assert await robot.move_through(legs) == pytest.approx(legs[-1].to, abs=0.0005)
         assert bench.position() == pytest.approx(legs[-1].to, abs=0.001)
@@ -145,9 +145,9 @@ async def test_a_jog_runs_while_it_is_held_and_a_step_is_exact(line):
         assert not robot.unfinished
 
 
-@LINES
-async def test_a_jog_that_this_process_no_longer_holds_is_stopped_by_the_controller(line, monkeypatch):
-    async with robot_on(speed=2, **line) as (bench, robot):
+@DIALECTS
+async def test_a_jog_that_this_process_no_longer_holds_is_stopped_by_the_controller(dialect, monkeypatch):
+    async with robot_on(speed=2, dialect=dialect) as (bench, robot):
         monkeypatch.setattr(drivers.conversation.Conversation, "hold", lambda self: None)
         there = await robot.pendant.jog(2, 1, held=lambda: True)
         assert bench.stands()
@@ -197,9 +197,9 @@ async def test_power_goes_off_and_on_and_an_emergency_stop_is_recovered_from(lin
         assert await robot.move(NEAR, speed_pct=100) == pytest.approx(NEAR, abs=0.0005)
 
 
-@LINES
-async def test_an_origin_that_is_lost_is_named_and_found_again(line):
-    async with robot_on(speed=20, **line) as (bench, robot):
+@DIALECTS
+async def test_an_origin_that_is_lost_is_named_and_found_again(dialect):
+    async with robot_on(speed=20, dialect=dialect) as (bench, robot):
         bench.inject("robot", "lose_origin")
         assert not (await robot.status()).origin_done
         with pytest.raises(Refused, match="origin is incomplete"):
@@ -327,9 +327,9 @@ async def test_a_file_that_the_controller_could_not_take_as_it_is_is_not_sent(di
         assert said(bench, "@WRITE") == []
 
 
-@LINES
-async def test_a_file_with_a_wrong_line_is_refused_and_the_conversation_goes_on(line):
-    async with robot_on(speed=50, **line) as (_, robot):
+@DIALECTS
+async def test_a_file_with_a_wrong_line_is_refused_and_the_conversation_goes_on(dialect):
+    async with robot_on(speed=50, dialect=dialect) as (_, robot):
         with pytest.raises(Refused):
             await robot.files.write("PNT", ["P1=1.0 2.0 3.0 4.0 0.0 0.0", "S1=1.0 2.0 3.0 4.0"])
         assert await robot.points.all() == {}
@@ -338,9 +338,9 @@ async def test_a_file_with_a_wrong_line_is_refused_and_the_conversation_goes_on(
         assert (await robot.status()).ready
 
 
-@LINES
-async def test_outputs_are_written_by_bit_and_byte_and_read_back(line):
-    async with robot_on(speed=50, **line) as (bench, robot):
+@DIALECTS
+async def test_outputs_are_written_by_bit_and_byte_and_read_back(dialect):
+    async with robot_on(speed=50, dialect=dialect) as (bench, robot):
         await robot.ports.write("DO", 2, 5)
         await robot.ports.switch("DO", 2, 3, True)
         await robot.ports.switch("DO", 2, 0, False)
@@ -370,9 +370,9 @@ async def test_leaving_the_older_network_says_good_bye_and_stops_nothing():
         assert (await robot.status()).alarm == ""
 
 
-@LINES
-async def test_closing_in_motion_stops_the_arm(line):
-    async with robot_on(speed=4, on_disconnect="continue", **line) as (bench, robot):
+@DIALECTS
+async def test_closing_in_motion_stops_the_arm(dialect):
+    async with robot_on(speed=4, on_disconnect="continue", dialect=dialect) as (bench, robot):
         move = asyncio.create_task(robot.move(FAR, speed_pct=3))
         async with asyncio.timeout(3):
             while bench.stands():

@@ -7,7 +7,6 @@ import os
 import re
 import socket
 from contextlib import contextmanager
-from itertools import pairwise
 from pathlib import Path
 from queue import Queue
 from threading import Event, Thread
@@ -17,16 +16,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import drivers.conversation
-from cellctl.assembly.stretches import drawn_places, predicted_s, stretches
 from cellctl.config import load_config
 from cellctl.desk.robot_backup import KINDS, Backup, text_of
 from cellctl.desk.robot_restore import differences
-from cellctl.desk.robot_time import measured
 from cellctl.recipe import load_recipe
 from cellctl.strict_toml import load
-from drivers.motion import timing
-from drivers.rcx import RIGHTY, Motion, Position
-from drivers.reach import Limits
+from tests.arm_times import moved, predicted, ways_of
 from tests.command_line import run
 from tests.robot_bench import controller_on
 
@@ -249,6 +244,7 @@ def test_a_robot_that_the_daemon_owns_is_left_alone(tmp_path):
     [
         (["--address", "somewhere"], "--address: 'somewhere' is no link address"),
         (["--config", "nowhere.toml"], "nowhere.toml"),
+        (["--config", ROOT / "deploy/cell.toml", "--dialect", "rcx2"], "--dialect goes with --address"),
     ],
 )
 def test_a_robot_that_cannot_be_found_is_told(arguments, complaint):
@@ -294,19 +290,11 @@ async def test_the_arm_takes_as_long_as_predicted_for_every_stretch(tmp_path, di
         with cell_at(tmp_path, f"tcp://127.0.0.1:{controller.port}") as cell:
             config = load_config(cell)
         config = config.model_copy(update={"robot": config.robot.model_copy(update={"dialect": dialect})})
-        recipe = load_recipe(config.paths.recipes, "x85")
-        ways = stretches(drawn_places(config, recipe), config, recipe)
-        times = await measured(config, ways)
-        moves = controller.log.of("moves")
+        ways = ways_of(config, load_recipe(config.paths.recipes, "x85"))
+        times, arm_s = await moved(config, ways, controller.log)
     assert [row.name for row in times.rows] == [way.name for way in ways]
     assert all(row.measured_s > 0 for row in times.rows)
-    at, moves = Position(ways[-1].legs[-1].to, RIGHTY), moves[-sum(len(way.legs) for way in ways) :]
-    for way in ways:
-        done, moves = moves[: len(way.legs)], moves[len(way.legs) :]
-        late_s = sum(after.begins_s - before.begins_s for before, after in pairwise(done)) - follows_s(at, way, config)
-        predicted = predicted_s(at, way, Limits(), config.robot.speeds.dynamics)
-        assert done[-1].ends_s - done[0].begins_s - late_s == pytest.approx(predicted, rel=0.05)
-        at = Position(way.legs[-1].to, RIGHTY)
+    assert arm_s == pytest.approx(predicted(config, ways), rel=0.05)
 
 
 def test_the_way_down_is_slow_only_where_it_must_be():
@@ -314,24 +302,5 @@ def test_the_way_down_is_slow_only_where_it_must_be():
     config = load_config(ROOT / "deploy/simulated-cell.toml")
     recipe = load_recipe(config.paths.recipes, "x85")
     slow = recipe.model_copy(update={"motion": recipe.motion.model_copy(update={"touch_mm": None})})
-    places = drawn_places(config, recipe)
-    times_s = [unit_s(stretches(places, config, each), config) for each in (recipe, slow)]
-    assert times_s[0] / times_s[1] == pytest.approx(0.83, abs=0.01)
-
-
-def unit_s(ways, config):
-    """The arm's time in a unit, predicted."""
-    at, sum_s = Position(ways[-1].legs[-1].to, RIGHTY), 0.0
-    for way in ways:
-        sum_s += predicted_s(at, way, Limits(), config.robot.speeds.dynamics)
-        at = Position(way.legs[-1].to, RIGHTY)
-    return sum_s
-
-
-def follows_s(at, way, config):
-    """When the second of two legs may begin, by the prediction: what the line adds to that is no matter of the arm."""
-    if len(way.legs) == 1:
-        return 0.0
-    first = way.legs[0]
-    motion = Motion(first.to, RIGHTY, first.speed_pct, blends=True)
-    return timing(at, motion, Limits(), config.robot.speeds.dynamics).may_follow_s
+    quick_s, slow_s = (sum(predicted(config, ways_of(config, each))) for each in (recipe, slow))
+    assert quick_s / slow_s == pytest.approx(0.83, abs=0.01)

@@ -1,6 +1,6 @@
 """The standard function blocks against their definitions, worked out from the whole history of their inputs."""
 
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from simulators.st.library import TimeBase
@@ -35,6 +35,7 @@ def on_since(seen: list[tuple[int, bool, bool, int]], at: int, state: bool) -> i
     return since
 
 
+@settings(max_examples=50, deadline=None)
 @given(histories)
 def test_ton_is_on_as_soon_as_its_input_was_on_for_the_preset_time(scans: Scans) -> None:
     seen = played("TON", scans)
@@ -45,6 +46,7 @@ def test_ton_is_on_as_soon_as_its_input_was_on_for_the_preset_time(scans: Scans)
         assert et_ms == min(age_ms, 50)
 
 
+@settings(max_examples=50, deadline=None)
 @given(histories)
 def test_tof_stays_on_for_the_preset_time_after_its_input_has_gone(scans: Scans) -> None:
     seen = played("TOF", scans)
@@ -56,6 +58,7 @@ def test_tof_stays_on_for_the_preset_time_after_its_input_has_gone(scans: Scans)
         assert et_ms == min(age_ms, 50)
 
 
+@settings(max_examples=50, deadline=None)
 @given(histories)
 def test_tp_gives_pulses_of_the_preset_time_that_nothing_shortens_or_prolongs(scans: Scans) -> None:
     begun_ms, before = -1000, False
@@ -68,6 +71,7 @@ def test_tp_gives_pulses_of_the_preset_time_that_nothing_shortens_or_prolongs(sc
             assert et_ms == now_ms - begun_ms
 
 
+@settings(max_examples=50, deadline=None)
 @given(st.lists(st.booleans(), max_size=40))
 def test_edges_are_seen_for_one_scan(levels: list[bool]) -> None:
     made = machine("r(CLK := x); f(CLK := x);", "VAR r : R_TRIG; f : F_TRIG; x : BOOL; END_VAR")
@@ -80,6 +84,7 @@ def test_edges_are_seen_for_one_scan(levels: list[bool]) -> None:
         before = level
 
 
+@settings(max_examples=50, deadline=None)
 @given(st.lists(st.tuples(st.booleans(), st.booleans()), max_size=40))
 def test_reset_wins_in_rs_and_set_wins_in_sr(scans: list[tuple[bool, bool]]) -> None:
     made = machine("a(S := x, R1 := y); b(S1 := x, R := y);", "VAR a : RS; b : SR; x, y : BOOL; END_VAR")
@@ -93,6 +98,7 @@ def test_reset_wins_in_rs_and_set_wins_in_sr(scans: list[tuple[bool, bool]]) -> 
         assert made["b.Q1"] is set_wins
 
 
+@settings(max_examples=50, deadline=None)
 @given(st.lists(st.tuples(st.booleans(), st.integers(0, 9).map(lambda n: n == 0)), max_size=60))
 def test_ctu_counts_edges_and_tells_when_the_preset_is_reached(scans: list[tuple[bool, bool]]) -> None:
     made = machine("c(CU := x, R := y, PV := 3);", "VAR c : CTU; x, y : BOOL; END_VAR")

@@ -3,7 +3,7 @@
 import ctypes
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from simulators.st.errors import StFault
@@ -42,6 +42,7 @@ def two(kind: str) -> str:
     return f"VAR a, b, result : {kind}; holds : BOOL; END_VAR"
 
 
+@settings(max_examples=50, deadline=None)
 @given(pairs(NUMBERS), st.sampled_from("+-*"))
 def test_arithmetic_keeps_the_bits_of_its_type_as_c_does(pair: tuple[str, int, int], sign: str) -> None:
     kind, a, b = pair
@@ -51,6 +52,7 @@ def test_arithmetic_keeps_the_bits_of_its_type_as_c_does(pair: tuple[str, int, i
     assert made["result"] == in_c(kind, {"+": a + b, "-": a - b, "*": a * b}[sign])
 
 
+@settings(max_examples=50, deadline=None)
 @given(pairs(NUMBERS))
 def test_division_goes_towards_zero_and_mod_has_the_sign_of_the_dividend(pair: tuple[str, int, int]) -> None:
     kind, a, b = pair
@@ -67,6 +69,7 @@ def test_division_goes_towards_zero_and_mod_has_the_sign_of_the_dividend(pair: t
     assert rest == 0 or (rest < 0) == (a < 0)
 
 
+@settings(max_examples=50, deadline=None)
 @given(pairs(BITS), st.sampled_from(["AND", "OR", "XOR", "&"]))
 def test_bit_strings_are_combined_bit_by_bit(pair: tuple[str, int, int], sign: str) -> None:
     kind, a, b = pair
@@ -80,6 +83,7 @@ def test_bit_strings_are_combined_bit_by_bit(pair: tuple[str, int, int], sign: s
     )
 
 
+@settings(max_examples=50, deadline=None)
 @given(pairs(NUMBERS), st.sampled_from(["=", "<>", "<", ">", "<=", ">="]))
 def test_comparisons_order_numbers(pair: tuple[str, int, int], sign: str) -> None:
     kind, a, b = pair
@@ -89,6 +93,7 @@ def test_comparisons_order_numbers(pair: tuple[str, int, int], sign: str) -> Non
     assert made["holds"] is {"=": a == b, "<>": a != b, "<": a < b, ">": a > b, "<=": a <= b, ">=": a >= b}[sign]
 
 
+@settings(max_examples=50, deadline=None)
 @given(pairs(NUMBERS + BITS), st.sampled_from(NUMBERS + BITS))
 def test_conversions_keep_the_low_bits(pair: tuple[str, int, int], target: str) -> None:
     kind, value, _ = pair

@@ -9,7 +9,7 @@ import pytest
 
 from cellctl.pictures.jpeg import luma
 from drivers import pixels
-from drivers.camera import Region, Setup
+from drivers.camera import Region, Setup, Trigger
 from drivers.errors import FrameLost, LinkLost, Mismatch, Refused
 from drivers.v4l2 import V4l2Camera
 from drivers.v4l2_facts import facts
@@ -57,6 +57,24 @@ async def test_a_time_stamp_of_the_pictures_end_is_counted_back_to_the_earliest_
             frame = await camera.grab()
             assert (r.scene.number_of(frame.pixels) or 0) > before
             assert frame.device_ns - frame.exposure_start_ns >= 4_000_000
+
+
+async def test_the_usb_driver_calls_the_first_packet_the_start_of_exposure_and_is_not_believed():
+    async with rig(speed=1, triggers=False, rate_hz=60.0) as r:
+        r.server.device.driver = "uvcvideo"
+        async with r.open_camera() as camera:
+            await camera.configure(exposure_us=3000)
+            frame = await camera.grab()
+            assert frame.device_ns - frame.exposure_start_ns >= 3_000_000
+
+
+async def test_a_camera_whose_time_stamps_are_by_another_clock_is_refused():
+    async with rig() as r:
+        r.server.device.monotonic = False
+        camera = r.camera()
+        with pytest.raises(Mismatch, match="does not stamp pictures by the host's clock"):
+            await camera.open()
+        await camera.close()
 
 
 FOURCCS = [
@@ -131,6 +149,13 @@ async def test_an_exposure_that_the_camera_does_not_take_is_refused():
         with pytest.raises(Refused, match="it set 2000 us"):
             await camera.configure(exposure_us=3000)
         assert r.server.device.controls.find(EXPOSURE_ABSOLUTE).value == 20
+
+
+async def test_a_trigger_that_the_camera_does_not_take_is_refused():
+    async with rig() as r, r.open_camera() as camera:
+        r.server.inject("stuck_trigger")
+        with pytest.raises(Refused, match="Trigger Mode was set to 0 and is 1"):
+            await camera.arm(Trigger.FREE)
 
 
 async def test_a_gain_in_db_is_refused_without_the_size_of_a_step():

@@ -62,7 +62,7 @@ class Mad:
             self._port.end_picture(buffer)
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=100, deadline=None)
 @given(st.data())
 def test_a_mad_device_gives_whole_pictures_or_errors_of_the_driver(data: st.DataObject):
     chosen = data.draw(st.sampled_from([pixels.MONO8, pixels.MONO12, pixels.RAW10P]))

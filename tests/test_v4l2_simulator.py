@@ -157,7 +157,7 @@ arguments = st.one_of(
 )
 
 
-@settings(max_examples=120, deadline=None)
+@settings(max_examples=80, deadline=None)
 @given(st.lists(st.tuples(st.integers(1, 3), requests, arguments), max_size=40), st.booleans())
 def test_no_call_breaks_the_device_and_every_buffer_is_at_one_place(
     calls: list[tuple[int, int, bytes]], unplugged: bool
@@ -214,7 +214,7 @@ class Kernel:
         assert self.sent == []
 
 
-@settings(max_examples=120, deadline=None)
+@settings(max_examples=80, deadline=None)
 @given(st.lists(st.tuples(st.integers(0, 60), st.binary(max_size=300), st.integers(0, 2**64 - 1)), max_size=20))
 def test_every_request_of_the_kernel_gets_one_answer_or_is_none(requests_: list[tuple[int, bytes, int]]):
     kernel = Kernel()

@@ -18,6 +18,7 @@ from cellctl.vision import (
     Search,
     find_base,
     find_battery,
+    find_edge,
 )
 from simulators.parts import FOIL, BaseDrawing
 from simulators.place import Place
@@ -121,6 +122,8 @@ def test_a_picture_with_light_and_shade_but_no_outline_is_refused() -> None:
 
     assert refusal(view._replace(pixels=shade)) == "hole"
     assert refusal(held._replace(pixels=shade), "battery") == "edge 1"
+    with pytest.raises(NotFound, match="no straight edge"):
+        find_edge(shade, view.features[1], view.search, view.limits)
 
 
 def test_an_over_exposed_picture_is_refused() -> None:
@@ -197,6 +200,34 @@ def test_junk_is_refused_in_words(junk: np.ndarray, repeat: int, u: float, v: fl
     for find, features in ((find_base, (circle, edges[0])), (find_battery, edges)):
         with contextlib.suppress(NotFound, ValueError):  # anything else is a fault
             find(pixels, *features, Search(50.0, 3.0), limits)
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    size=st.tuples(st.integers(64, 420), st.integers(64, 420)),
+    at=st.tuples(st.floats(0.0, 1.0), st.floats(0.0, 1.0)),
+    turn_deg=st.floats(-180, 180),
+    skip_px=st.sampled_from([0.0, 20.0, 60.0]),
+)
+def test_a_corner_in_a_picture_of_any_size_is_found_or_refused_in_words(
+    size: tuple[int, int], at: tuple[float, float], turn_deg: float, skip_px: float
+) -> None:
+    height, width = size
+    corner = Px(at[0] * width, at[1] * height)
+    c, s = math.cos(math.radians(turn_deg)), math.sin(math.radians(turn_deg))
+    v, u = np.mgrid[:height, :width].astype(float)
+    along, across = (u - corner.u) * c + (v - corner.v) * s, (v - corner.v) * c - (u - corner.u) * s
+    pixels = np.where((along > 0) & (across > 0), 150, 40).astype(np.uint8)
+    ends = Px(corner.u + 300.0 * c, corner.v + 300.0 * s), Px(corner.u - 300.0 * s, corner.v + 300.0 * c)
+    edges = ExpectedEdge(corner, ends[0], False), ExpectedEdge(corner, ends[1], True)
+    limits = Limits(corner_skip_px=skip_px, min_contrast=5.0, min_inliers=0.0, min_in_view=0.1)
+
+    for look in (
+        lambda: find_battery(pixels, *edges, Search(30.0, 2.0), limits),
+        lambda: find_edge(pixels, edges[0], Search(30.0, 2.0), limits),
+    ):
+        with contextlib.suppress(NotFound):  # anything else is a fault
+            look()
 
 
 @pytest.mark.parametrize(

@@ -9,15 +9,15 @@ from typing import Any
 
 from cellctl.daemon import build_devices
 from cellctl.machine import State
-from drivers.plc_registers import Command
+from drivers.plc_registers import Command, Output
 from tests.fault_proxy import FaultProxy, Passed, proxied
-from tests.plc_wire import written
+from tests.plc_wire import Written, written
 from tests.whole_cell import Bench, running, simulated
 from tests.wire_trouble import Trouble, modbus_frames
 
 SLOW = 5.0  # so that a quarter of a second is about one move of the arm
 STALE_MS = 500  # on a line 250, but here the world is rendered in the same process; before the PLC's own watchdog
-SEEN_WITHIN_S, HALT_S = 1.0, 0.5  # of a busy computer; the bound of the line is tested on the driver alone
+STOPPED_WITHIN_S = 1.0  # the bound of the line is tested on the driver alone
 
 
 @contextlib.asynccontextmanager
@@ -43,22 +43,27 @@ def travelling(bench: Bench) -> bool:
 
 async def stopped_within(bench: Bench, within_s: float) -> None:
     """The cell aborts so soon, and from then on the arm stands and keeps what it holds."""
-    began_s = time.monotonic()
-    await bench.when(lambda: bench.cell.state in {State.ABORTING, State.ABORTED})
-    assert time.monotonic() - began_s < within_s
-    await bench.when(lambda: not bench.world.arm.moving_at(bench.world.clock.now()))
-    assert time.monotonic() - began_s < within_s + HALT_S
+    began_s = last_s = time.monotonic()
+    late_s = 0.0  # of this busy computer
+    while bench.cell.state not in {State.ABORTING, State.ABORTED} or bench.world.arm.moving_at(bench.world.clock.now()):
+        await asyncio.sleep(0.005)
+        late_s, last_s = max(late_s, time.monotonic() - last_s), time.monotonic()
+    assert last_s - began_s < within_s + late_s
     before = bench.world.tool()
-    await bench.until(State.ABORTING, State.ABORTED)
     await asyncio.sleep(0.1)
     assert bench.world.tool() == before
     assert bench.world.held is not None
 
 
-def commands_sent(proxy: FaultProxy, since_s: float) -> set[int]:
-    """Commands that were on the wire to the PLC since then."""
+def words_sent(proxy: FaultProxy, since_s: float) -> list[Written]:
+    """What was on the wire to the PLC since then."""
     sent = [written(p.message) for p in proxy.record if p.direction == "up" and p.at_s > since_s]
-    return {w.command for w in sent if w is not None and w.command}
+    return [words for words in sent if words is not None]
+
+
+def commands_sent(proxy: FaultProxy, since_s: float) -> set[int]:
+    """Commands among it."""
+    return {words.command for words in words_sent(proxy, since_s) if words.command}
 
 
 async def test_a_lost_plc_stops_the_arm_and_its_unit_is_the_only_one_lost(learnt: Path, tmp_path: Path) -> None:
@@ -67,7 +72,7 @@ async def test_a_lost_plc_stops_the_arm_and_its_unit_is_the_only_one_lost(learnt
         await bench.start(1)
         await bench.when(lambda: travelling(bench))
         proxy.unplug()
-        await stopped_within(bench, SEEN_WITHIN_S)
+        await stopped_within(bench, STOPPED_WITHIN_S)
         assert bench.cell.message.startswith("[D2] plc: ")
         await bench.when(lambda: not bench.world.robot_enable)  # by the PLC, which hears nothing of us
         seen_s = time.monotonic()
@@ -82,13 +87,36 @@ async def test_a_lost_plc_stops_the_arm_and_its_unit_is_the_only_one_lost(learnt
         assert [verdict.released_good for verdict in bench.world.verdicts] == [False, True]
 
 
+async def test_after_an_emergency_stop_nothing_that_moves_leaves_until_a_person_clears_and_resets(
+    learnt: Path, tmp_path: Path
+) -> None:
+    async with wired_cell(tmp_path, learnt, speed=SLOW) as (bench, proxy):
+        await bench.ready()
+        await bench.start(1)
+        await bench.when(lambda: travelling(bench))
+        bench.world.inject("safety", "estop")
+        await bench.when(lambda: bench.cell.state in {State.ABORTING, State.ABORTED})
+        seen_s, motions = time.monotonic(), len(bench.robot_log.of("moves"))
+        await bench.until(State.ABORTED)
+        bench.world.inject("safety", "estop", on=False)  # which alone must start nothing
+        await asyncio.sleep(0.3)
+
+        assert bench.cell.message.startswith("[S1] ")
+        assert len(bench.robot_log.of("moves")) == motions
+        assert commands_sent(proxy, seen_s) <= {Command.STOP_CONVEYOR}
+        assert all(w.outputs & Output.VACUUM for w in words_sent(proxy, seen_s))
+        assert bench.world.held is not None
+        await bench.ready()
+        assert len(bench.robot_log.of("moves")) > motions
+
+
 async def test_a_plc_that_restarts_in_the_middle_of_a_unit_is_reconciled(learnt: Path, tmp_path: Path) -> None:
     async with wired_cell(tmp_path, learnt, speed=SLOW) as (bench, _):
         await bench.ready()
         await bench.start(1)
         await bench.when(lambda: travelling(bench))
         bench.world.inject("plc", "reboot")
-        await stopped_within(bench, SEEN_WITHIN_S)
+        await stopped_within(bench, STOPPED_WITHIN_S)
         assert bench.cell.message.startswith("[D1] plc: ")
         await bench.until(State.ABORTED)
         (placed,) = await bench.produce(1)
@@ -98,7 +126,7 @@ async def test_a_plc_that_restarts_in_the_middle_of_a_unit_is_reconciled(learnt:
 
 
 async def test_a_release_whose_answer_is_lost_makes_no_unit_twice_and_loses_none(learnt: Path, tmp_path: Path) -> None:
-    async with wired_cell(tmp_path, learnt) as (bench, proxy):
+    async with wired_cell(tmp_path, learnt, stale_after_ms=STALE_MS) as (bench, proxy):
 
         def lose_the_answer(passed: Passed) -> None:
             sent = written(passed.message) if passed.direction == "up" else None

@@ -108,7 +108,7 @@ def where(front: str, folder: Path) -> Path | None:
     return folder / "video0"
 
 
-async def until(true: Callable[[], bool], within_s: float = 2.0) -> None:
+async def until(true: Callable[[], bool], within_s: float = 5.0) -> None:
     async with asyncio.timeout(within_s):
         while not true():
             await asyncio.sleep(0.005)

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import click
 
@@ -26,7 +26,7 @@ def with_controller(command: F) -> F:
     return wrapped  # type: ignore[return-value]
 
 
-def which_of(config: Path | None, address: str | None, dialect: str | None) -> "Which":
+def which_of(config: Path | None, address: str | None, dialect: Literal["rcx3", "rcx2"] | None) -> "Which":
     """The controller that is meant."""
     from cellctl.desk.robot_link import Which
 
@@ -36,11 +36,11 @@ def which_of(config: Path | None, address: str | None, dialect: str | None) -> "
 @robot.command()
 @with_controller
 @with_json
-def info(config: Path | None, address: str | None, dialect: str | None, as_json: bool) -> None:
+def info(as_json: bool, **which: Any) -> None:
     """Show versions, state, position, limits, settings and the latest alarms."""
     from cellctl.desk.robot_info import info as show
 
-    end(show(which_of(config, address, dialect), as_json=as_json))
+    end(show(which_of(**which), as_json=as_json))
 
 
 @robot.command()

@@ -3,7 +3,7 @@
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from pathlib import Path
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import click
 
@@ -22,7 +22,7 @@ class Which(NamedTuple):
 
     config: Path | None
     address: str | None
-    dialect: str | None
+    dialect: Literal["rcx3", "rcx2"] | None
 
 
 class AtDesk(NamedTuple):
@@ -37,7 +37,7 @@ class AtDesk(NamedTuple):
 async def at_desk(which: Which) -> AsyncIterator[AtDesk]:
     """The controller, open; it is let go afterwards. Raises ClickException, SettingsError, DeviceError."""
     config = load_config(which.config) if which.config is not None else None
-    desk = _of_address(which) if which.address is not None else _of_cell(config)
+    desk = _of_address(which) if which.address is not None else _of_cell(which, config)
     if config is not None and config.robot.address == desk.address:
         await nobody_owns(config, ROBOT)
     try:
@@ -47,9 +47,11 @@ async def at_desk(which: Which) -> AsyncIterator[AtDesk]:
         await desk.robot.close()
 
 
-def _of_cell(config: CellConfig | None) -> AtDesk:
+def _of_cell(which: Which, config: CellConfig | None) -> AtDesk:
     if config is None:
         raise click.ClickException("which robot? Name the cell by --config, or a controller by --address")
+    if which.dialect is not None:
+        raise click.ClickException("--dialect goes with --address; the cell's robot has its own in cell.toml")
     return AtDesk(build_robot(config.robot), config.robot.address, config.robot.serial)
 
 

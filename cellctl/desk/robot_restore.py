@@ -11,6 +11,7 @@ from cellctl.desk.commands import run_loop
 from cellctl.desk.robot_backup import KINDS, PARAMETERS, Backup, entry_of, read_all, read_memory
 from cellctl.desk.robot_link import Which, at_desk
 from cellctl.strict_toml import load
+from drivers.rcx_points import parse_points
 from drivers.robot import Robot
 
 MISSING = "-"
@@ -106,7 +107,9 @@ async def _written(which: Which, wanted: Backup, changes: Sequence[Difference]) 
 async def _write(robot: Robot, wanted: Backup, changed: set[tuple[str, str]]) -> None:
     for kind, name in KINDS.items():
         lines = [line for line in getattr(wanted, kind) if (kind, entry_of(kind, line)[0]) in changed]
-        if lines:
+        if lines and kind == "points":
+            await robot.points.write_all(parse_points(lines))
+        elif lines:
             await robot.files.write(name, lines)
     for program, lines in wanted.programs.items():
         if ("programs", program) in changed:

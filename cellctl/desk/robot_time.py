@@ -110,6 +110,8 @@ def _drawn(config: CellConfig, recipe: Recipe) -> Places:
 
 def _predicted(config: CellConfig, ways: list[Stretch], exchange_s: float) -> list[Time]:
     limits, dynamics, rows = limits_of(config.robot), config.robot.speeds.dynamics, []
+    if config.robot.payload_kg is not None:
+        dynamics = dynamics.at_payload(config.robot.payload_kg)
     at = Position(ways[-1].legs[-1].to, HANDS[config.robot.hand])
     for way in ways:
         rows.append(Time(way.name, predicted_s(at, way, limits, dynamics, exchange_s=exchange_s), None))

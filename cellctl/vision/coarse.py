@@ -86,7 +86,7 @@ def _centres(picture: Coarse, step: float, least: float) -> tuple[Singles, Singl
     v, u = np.divmod(strong, gu.shape[1])
     reach = np.float32(step) / size
     reach[size <= least] = OUT_OF_REACH
-    return u.astype(np.float32) - du * reach, v.astype(np.float32) - dv * reach
+    return np.asarray(u - du * reach, np.float32), np.asarray(v - dv * reach, np.float32)
 
 
 def line_votes(

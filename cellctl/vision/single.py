@@ -59,7 +59,7 @@ def roughly_edge(pixels: Pixels, edge: ExpectedEdge, search: Search, limits: Lim
     check_in_view(first, last, scan.along(edge.end) - scan.along(edge.start), limits, "edge")
     blocks = (last - first) // BLOCK_PX
     lanes = [Lane(scan, Line.through(scan, rough), first, blocks) for rough in rough_lines(votes, 1)]
-    for caught in catch_lines(pixels, lanes, limits.min_contrast) if blocks >= FEWEST_BLOCKS else ():
+    for caught in catch_lines(pixels, lanes, limits.min_contrast) if lanes and blocks >= FEWEST_BLOCKS else ():
         if caught is not None:
             return Stretch("edge", scan, caught, first, last)
     raise NotFound("edge", f"no straight edge within {search.position_px:.0f} px of its place")

@@ -65,8 +65,10 @@ class Lane(NamedTuple):
 
 
 def line_strip(pixels: Pixels, lanes: Sequence[Lane], reach_px: float, every: int = 1) -> Strip:
-    """Blocks of straight outlines, `reach_px` to either side; `every` skips columns."""
+    """Blocks of straight outlines, `reach_px` to either side; `every` skips columns. Raises NotFound."""
     half = max(lane.half_px(reach_px) for lane in lanes)
+    if min(pixels.shape) <= 2 * half:
+        raise NotFound("view", f"the picture is smaller than the {2 * half + 1} px that are looked at across an edge")
     slope, height, step, side, most, cosine, first = _by_block(pixels, lanes, half)
     along = first + np.arange(0.0, BLOCK_PX, every)[:, None]
     across = height + slope * along

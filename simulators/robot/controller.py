@@ -148,6 +148,7 @@ class RobotController:
     def _tell_all(self, text: str) -> None:
         """A program prints it, on every line."""
         for session in self._servants:
+            self.log.add("said", client=session.name, line=text)
             session.say(text)
 
     def later(self, for_s: float, do: Callable[[], None]) -> None:

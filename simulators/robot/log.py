@@ -28,9 +28,10 @@ class Log:
     """Entries of these kinds:
 
     joined, left (logged_out), turned away (client) · heard, said (client, line) · control (client, byte)
-    refused (client, code) · moves (way, begins, ends, begins_s, ends_s, blends) · halted (at, stands_s) · pendant moves (to)
-    safety (emergency, guard_open, enable) · power (motor, servo) · alarm, report (code) · mode (mode)
-    output (port, byte) · program (task, name, state, line) · print (task, values) · injected (fault, params)
+    refused (client, code) · moves (way, begins, ends, begins_s, ends_s, blends) · halted (at, stands_s)
+    pendant moves (to) · safety (emergency, guard_open, enable) · power (motor, servo) · alarm, report (code)
+    mode (mode) · output (port, byte) · program (task, name, state, line) · print (task, values)
+    injected (fault, params)
     """
 
     def __init__(self, now: Callable[[], float]) -> None:

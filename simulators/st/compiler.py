@@ -90,7 +90,7 @@ def _forbidden(variable: Variable, unit_kind: str, kind: Type | Block) -> str:
         "a PROGRAM has neither inputs nor outputs": unit_kind == "PROGRAM" and not in_var,
         "a FUNCTION has no outputs but its result": unit_kind == "FUNCTION" and variable.section == "VAR_OUTPUT",
         "a FUNCTION keeps nothing, so it has no function blocks": unit_kind == "FUNCTION" and isinstance(kind, Block),
-        "a FUNCTION keeps nothing, so nothing in it is RETAIN": unit_kind == "FUNCTION" and variable.retain,
+        "only a PROGRAM has RETAIN variables": variable.retain and unit_kind != "PROGRAM",
         "only variables in VAR are CONSTANT or RETAIN": (variable.constant or variable.retain) and not in_var,
         "only a PROGRAM has addresses": bool(variable.address) and unit_kind != "PROGRAM",
         "a function block has no value, no address, and is not RETAIN": isinstance(kind, Block)

@@ -13,7 +13,8 @@ from simulators.st.types import BOOL, LITERAL
 
 UNITS = {"FUNCTION": "END_FUNCTION", "FUNCTION_BLOCK": "END_FUNCTION_BLOCK", "PROGRAM": "END_PROGRAM"}
 SECTIONS = ("VAR", "VAR_INPUT", "VAR_OUTPUT")
-ADDRESS = re.compile(r"%[IQM](?:X\d{1,5}\.[0-7]|[BWD]\d{1,5})", re.ASCII)
+NUMBER = r"(?:0|[1-9]\d{0,4})"
+ADDRESS = re.compile(rf"%[IQM](?:X{NUMBER}\.[0-7]|[BWD]{NUMBER})", re.ASCII)
 
 
 def parse(source: str) -> tuple[Unit, ...]:

@@ -41,6 +41,8 @@ class Device:
         self.gone = False
         self.foreign = False  # some other program has it
         self.changed: Callable[[], None] = _nothing
+        self.driver = DRIVER  # the kernel's, of which some have habits that clients know
+        self.monotonic = True  # time stamps are by this clock
         self.start_of_exposure = start_of_exposure  # or the end of the picture: what the time stamps tell
         room = ROOM_BUFFERS * (-(-((sensor[0] * DEEPEST_BYTES + padding_bytes) * sensor[1]) // PAGE) * PAGE)
         self.memory = np.zeros(room, np.uint8)
@@ -145,7 +147,7 @@ class Device:
         return checked
 
     def _capability(self, _data: bytes) -> bytes:
-        names = abi.text(DRIVER, 16), abi.text(CARD, 32), abi.text(f"platform:{self.serial}", 32)
+        names = abi.text(self.driver, 16), abi.text(CARD, 32), abi.text(f"platform:{self.serial}", 32)
         return abi.CAPABILITY.pack(*names, VERSION, CAPABILITIES | abi.HAS_DEVICE_CAPS, CAPABILITIES)
 
     def _set_control(self, data: bytes) -> bytes:
@@ -167,7 +169,8 @@ class Device:
 
     def _packed(self, buffer: Buffer) -> bytes:
         source = Flag.START_OF_EXPOSURE if self.start_of_exposure else Flag(0)
-        flags = Flag.MAPPED | Flag.MONOTONIC | source | buffer.state | buffer.flags
+        clock = Flag.MONOTONIC if self.monotonic else Flag(0)
+        flags = Flag.MAPPED | clock | source | buffer.state | buffer.flags
         seconds, rest_ns = divmod(buffer.stamp_ns, 1_000_000_000)
         head = (buffer.index, abi.CAPTURE, buffer.used, flags, abi.FIELD_NONE, seconds, rest_ns // 1000, b"")
         return abi.BUFFER.pack(*head, buffer.sequence, abi.MEMORY_MMAP, buffer.offset, buffer.length, 0)

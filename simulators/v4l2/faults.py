@@ -3,8 +3,9 @@
 import inspect
 from collections import Counter
 from collections.abc import Callable
+from functools import partial
 
-from simulators.v4l2.controls import EXPOSURE_ABSOLUTE
+from simulators.v4l2.controls import EXPOSURE_ABSOLUTE, TRIGGER_MODE
 from simulators.v4l2.port import Port
 
 
@@ -21,6 +22,7 @@ class Faults:
     | ignore_trigger | count=1 | the next triggers have no effect |
     | freeze | on=True | no more pictures come |
     | stuck_exposure | on=True | a new exposure time is acknowledged and not taken |
+    | stuck_trigger | on=True | a new trigger mode is acknowledged and not taken |
     | busy | on=True | another program has the camera |
     | unplug | on=True | the camera is gone; on=False puts it in again |
     | pulse | | the line trigger's input gets one pulse |
@@ -35,7 +37,8 @@ class Faults:
         self._stale_alone = False
         self._verbs: dict[str, Callable[..., None]] = {
             "stale": self._stale,
-            "stuck_exposure": self._stuck_exposure,
+            "stuck_exposure": partial(self._stick, EXPOSURE_ABSOLUTE),
+            "stuck_trigger": partial(self._stick, TRIGGER_MODE),
             "busy": self._busy,
             "unplug": self._unplug,
             "pulse": self._pulse,
@@ -73,8 +76,9 @@ class Faults:
         self._left["stale"] = count
         self._stale_alone = alone
 
-    def _stuck_exposure(self, on: bool = True) -> None:
-        self._port.device.controls.stuck = frozenset({EXPOSURE_ABSOLUTE} if on else ())
+    def _stick(self, control: int, on: bool = True) -> None:
+        controls = self._port.device.controls
+        controls.stuck = controls.stuck | {control} if on else controls.stuck - {control}
 
     def _busy(self, on: bool = True) -> None:
         self._port.device.foreign = on
@@ -91,7 +95,7 @@ class Faults:
         self._left.clear()
         self._on.clear()
         self._stale_alone = False
-        self._stuck_exposure(False)
+        self._port.device.controls.stuck = frozenset()
         self._busy(False)
         self._unplug(False)
 

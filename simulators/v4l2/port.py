@@ -76,5 +76,5 @@ class Port:
     def _tell(self) -> None:
         if self._changed:
             self._changed = False
-            for wake in self.wakes:
+            for wake in tuple(self.wakes):  # a client may leave meanwhile
                 wake()

@@ -1,4 +1,5 @@
-"""What the robot driver costs: round trips against a bare client on the same line, processor time per move, parsing.
+"""What the robot driver costs: round trips against a bare client on the same line, processor time per move, parsing;
+and how long the arm takes for a unit, predicted and simulated.
 
 `python -m tests.benchmarks.bench_robot` talks to simulated controllers of both generations, each a process of its own
 in real time, over TCP and over a 9600 baud pseudo terminal, prints a table and writes build/bench-robot.json.
@@ -22,6 +23,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from cellctl.config import load_config
+from cellctl.recipe import load_recipe
 from drivers import rcx
 from drivers.link_lines import LineSplitter
 from drivers.rcx2 import Rcx2
@@ -29,7 +32,10 @@ from drivers.rcx3 import Rcx3
 from drivers.rcx_dialect import Dialect
 from drivers.reach import Limits
 from drivers.robot import Point, Robot
+from tests.arm_times import moved, predicted, ways_of
+from tests.robot_bench import controller_on
 
+ROOT = Path(__file__).resolve().parents[2]
 OUT = Path("build/bench-robot.json")
 BAUD, BITS_PER_BYTE = 9600, 11  # start, eight, parity, stop
 QUESTIONS, MOVES, LINES = 300, 40, 200_000
@@ -187,11 +193,33 @@ def _row(dialect: str, front: str, alone: list[float], trips: list[float]) -> di
     }
 
 
+async def unit_times(recipe_name: str = "x85") -> dict[str, float]:
+    """The arm's own time in a unit, s: predicted, of the simulated arm, and with the whole way down slow."""
+    async with controller_on(speed=5) as (_, controller):
+        config = load_config(ROOT / "deploy" / "simulated-cell.toml")
+        here = {"address": f"tcp://127.0.0.1:{controller.port}"}
+        config = config.model_copy(update={"robot": config.robot.model_copy(update=here)})
+        recipe = load_recipe(config.paths.recipes, recipe_name)
+        slow = recipe.model_copy(update={"motion": recipe.motion.model_copy(update={"touch_mm": None})})
+        ways = ways_of(config, recipe)
+        _, found = await moved(config, ways, controller.log)
+        expected, before = predicted(config, ways), predicted(config, ways_of(config, slow))
+    off = [abs(a / b - 1) for a, b in zip(found, expected, strict=True)]
+    return {
+        "predicted_s": sum(expected),
+        "simulated_s": sum(found),
+        "worst_stretch_off_percent": max(off) * 100,
+        "slow_way_down_s": sum(before),
+        "ratio": sum(expected) / sum(before),
+    }
+
+
 def run(questions: int, moves: int, lines: int) -> dict[str, Any]:
     """Everything."""
     rows = [row for dialect in ("rcx3", "rcx2") for row in measure(dialect, questions, moves)]
     parsing = {dialect.name: parsed_per_s(dialect, lines) for dialect in (Rcx3(), Rcx2())}
-    return {"round_trips": rows, "lines_parsed_per_s": parsing, "questions": questions, "moves": moves}
+    unit = asyncio.run(unit_times())
+    return {"round_trips": rows, "lines_parsed_per_s": parsing, "unit": unit, "questions": questions, "moves": moves}
 
 
 def table(result: dict[str, Any]) -> str:
@@ -203,6 +231,12 @@ def table(result: dict[str, Any]) -> str:
         numbers += f"{row['driver_p99_ms']:>8.2f}{row['driver_adds_ms']:>7.2f}{row['cpu_per_move_ms']:>17.2f}"
         lines.append(f"{row['dialect'] + ' ' + row['line']:<16}{row['line_ms']:>12.2f}{numbers}")
     lines += [f"parsed by {name}: {per_s:,.0f} lines/s" for name, per_s in result["lines_parsed_per_s"].items()]
+    unit = result["unit"]
+    lines.append(
+        f"the arm in a unit: predicted {unit['predicted_s']:.3f} s, simulated {unit['simulated_s']:.3f} s, "
+        f"worst stretch {unit['worst_stretch_off_percent']:.1f} % off"
+    )
+    lines.append(f"with the whole way down slow {unit['slow_way_down_s']:.3f} s: ratio {unit['ratio']:.3f}")
     return "\n".join(lines)
 
 

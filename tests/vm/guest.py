@@ -17,7 +17,7 @@ import numpy as np
 
 from drivers import pixels
 from drivers.camera import Region, Setup, Trigger
-from drivers.errors import DeviceError
+from drivers.errors import DeviceError, LinkLost, NoAnswer
 from drivers.v4l2 import V4l2Camera
 
 INPUT, OUTPUT = "/dev/video0", "/dev/video1"
@@ -27,6 +27,7 @@ SERIAL = "vivid-000"
 FORMATS = {"GREY": pixels.MONO8, "Y10 ": pixels.MONO10, "Y12 ": pixels.MONO12, "Y16 ": pixels.MONO16}
 WITHIN_S = 60.0  # emulation takes a second for what takes a millisecond
 SETTLE_S = 30.0
+OPENINGS = 10
 
 
 def control(*arguments: str) -> None:
@@ -65,12 +66,22 @@ def shown_at_input(fourcc: str) -> Iterator[np.ndarray]:
         feeding.wait()
 
 
+async def opened(camera: V4l2Camera) -> None:
+    """Open it; the emulated machine may be too slow for the driver's deadline, so several times."""
+    for left in reversed(range(OPENINGS)):
+        try:
+            return await camera.open()
+        except (NoAnswer, LinkLost):
+            if not left:
+                raise
+
+
 async def run(fourcc: str, frames: int, shown: np.ndarray) -> dict[str, object]:
     """So many pictures of one format: how many are ours, bit by bit."""
     setup = Setup(SERIAL, Region(0, 0, WIDTH, HEIGHT), FORMATS[fourcc])
     camera = V4l2Camera("vivid", INPUT, setup)
     try:
-        await camera.open()
+        await opened(camera)
         return await judged(camera, shown, fourcc, frames)
     except DeviceError as error:
         return {"format": fourcc.strip(), "frames": frames, "exact": 0, "error": str(error)}

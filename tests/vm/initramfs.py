@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 DEPENDS = re.compile(rb"\0depends=([^\0]*)\0")
+BUSYBOX = Path("/bin/busybox")  # Debian package busybox-static
 FOLDERS = ("bin", "modules", "proc", "sys", "dev", "host")
 FILE, FOLDER, EXECUTABLE = 0o100644, 0o040755, 0o100755
 INIT = """#!/bin/busybox sh
@@ -32,7 +33,7 @@ def build(modules: Path, wanted: list[str], parameters: dict[str, str], command:
     order = list(dict.fromkeys(_with_dependencies(known, wanted)))
     insmod = "\n".join(f"insmod /modules/{name}.ko {parameters.get(name, '')}" for name in order)
     files: list[tuple[str, int, bytes]] = [(name, FOLDER, b"") for name in FOLDERS]
-    files.append(("bin/busybox", EXECUTABLE, Path("/bin/busybox").read_bytes()))
+    files.append(("bin/busybox", EXECUTABLE, BUSYBOX.read_bytes()))
     files += [(f"modules/{name}.ko", FILE, _content(known[name])) for name in order]
     files.append(("init", EXECUTABLE, INIT.replace("{insmod}", insmod).replace("{command}", command).encode()))
     return gzip.compress(_archive(files), 1)

@@ -68,8 +68,9 @@ def run(folder: Path, frames: int, within_s: float) -> tuple[list[dict[str, obje
         said.append(line.rstrip())
         if "RESULT " in line:
             results.append(json.loads(line.partition("RESULT ")[2]))
-            one = results[-1]
-            print(f"{time.monotonic() - began_s:6.1f} s  {one['format']}: {one['exact']} exact", file=sys.stderr)
+            at_s, one = time.monotonic() - began_s, results[-1]
+            outcome = one.get("error", f"{one['exact']} of {one['frames']} exact")
+            print(f"{at_s:6.1f} s  {one['format']}: {outcome}", file=sys.stderr)
     machine.wait()
     watchdog.cancel()
     return results, said
