@@ -1,5 +1,6 @@
 """How quick the robot's arm is, as its data sheet or the integrator says, for predicting times."""
 
+from dataclasses import replace
 from typing import Annotated
 
 from pydantic import Field
@@ -26,12 +27,6 @@ class ArmSpeeds(Settings):
     @property
     def dynamics(self) -> Dynamics:
         """The same for the prediction; lines, loads and overlaps as a YK400XG has them."""
-        return Dynamics(
-            (self.axis_1_deg_per_s, self.axis_2_deg_per_s, self.z_mm_per_s, self.r_deg_per_s),
-            (self.axis_1_deg_per_s2, self.axis_2_deg_per_s2, self.z_mm_per_s2, self.r_deg_per_s2),
-            YK400XG.line_mm_per_s,
-            YK400XG.line_mm_per_s2,
-            YK400XG.overlap,
-            YK400XG.moved_kg,
-            YK400XG.rated_kg,
-        )
+        speeds = self.axis_1_deg_per_s, self.axis_2_deg_per_s, self.z_mm_per_s, self.r_deg_per_s
+        ramps = self.axis_1_deg_per_s2, self.axis_2_deg_per_s2, self.z_mm_per_s2, self.r_deg_per_s2
+        return replace(YK400XG, axes_per_s=speeds, axes_per_s2=ramps)

@@ -37,15 +37,14 @@ def parse_address(text: str) -> TcpAddress | SerialAddress:
 
 
 def _tcp_address(text: str) -> TcpAddress:
-    parts = urlsplit(text)
     try:
-        port = parts.port
+        parts = urlsplit(text)
+        host, port = parts.hostname, parts.port
     except ValueError:
-        port = None
-    rest = (parts.path, parts.query, parts.fragment, parts.username)
-    if not parts.hostname or not port or any(rest):
+        host = port = None
+    if not host or not port or any((parts.path, parts.query, parts.fragment, parts.username)):
         raise ValueError(f"{text!r} needs a host and a port from 1 to 65535: write tcp://192.168.0.2:23")
-    return TcpAddress(parts.hostname, port)
+    return TcpAddress(host, port)
 
 
 def _serial_address(text: str) -> SerialAddress:

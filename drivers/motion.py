@@ -7,7 +7,7 @@ own limits and every axis on it allow.
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -43,15 +43,7 @@ class Dynamics:
         """The same with this load."""
         share = (self.moved_kg + self.rated_kg) / (self.moved_kg + max(kg, self.rated_kg))
         first, second, third, fourth = (per_s2 * share for per_s2 in self.axes_per_s2)
-        return Dynamics(
-            self.axes_per_s,
-            (first, second, third, fourth),
-            self.line_mm_per_s,
-            self.line_mm_per_s2 * share,
-            self.overlap,
-            self.moved_kg,
-            self.rated_kg,
-        )
+        return replace(self, axes_per_s2=(first, second, third, fourth), line_mm_per_s2=self.line_mm_per_s2 * share)
 
 
 # Catalogue: 6.1 m/s at the stretched arm, Z 1.1 m/s, R 1020 deg/s, 2 kg, standard cycle (25 mm up, 300 mm across,

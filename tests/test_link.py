@@ -1,6 +1,7 @@
 """The line link against real sockets and pseudo terminals."""
 
 import asyncio
+import contextlib
 import fcntl
 import os
 import random
@@ -18,7 +19,7 @@ import drivers.link
 from drivers import link_serial
 from drivers.errors import Garbled, LinkLost, NoAnswer
 from drivers.link import MOST_LINES, LineLink
-from drivers.link_address import SerialAddress, TcpAddress, parse_address
+from drivers.link_address import BAUDS, FLOWS, PARITIES, SerialAddress, TcpAddress, parse_address
 from drivers.link_lines import LONGEST_LINE, LineSplitter
 
 TIOCGEXCL = 0x80045440  # asks whether a terminal is closed to others
@@ -96,6 +97,30 @@ def test_a_bad_address_is_named_with_the_remedy(address, remedy):
         LineLink(address, device="robot")
 
     assert address in str(refused.value)
+
+
+@given(
+    st.text(max_size=60)
+    | st.builds(
+        "{}{}{}".format,
+        st.sampled_from(["tcp://", "serial:", "/dev/", "TCP://", ""]),
+        st.text("abcdev/tyS0123456789.:[]@%", max_size=20),
+        st.sampled_from(["", "?", "?baud=9600", "?baud=", "?parity=odd&flow", "?baud=1&baud=9600", ":23", ":x", "#f"]),
+    )
+)
+def test_any_text_is_an_address_or_is_refused_with_itself_and_the_remedy(text):
+    address = None
+    with contextlib.suppress(ValueError):
+        address = parse_address(text)
+    if address is None:
+        with pytest.raises(ValueError, match=re.escape(repr(text))):
+            parse_address(text)
+    elif isinstance(address, TcpAddress):
+        assert address.host
+        assert 1 <= address.port <= 65535
+    else:
+        assert address.path.startswith("/")
+        assert (address.parity in PARITIES, address.flow in FLOWS, address.baud in BAUDS) == (True, True, True)
 
 
 # -- lines ---------------------------------------------------------------------------------------------------

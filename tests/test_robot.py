@@ -132,9 +132,9 @@ async def test_a_command_costs_little_time_of_our_own():
     async with robot_on(speed=100) as (_, robot):
         took_s = []
         for _ in range(100):
-            began = time.perf_counter()
+            began = time.thread_time()
             await robot.here()
-            took_s.append(time.perf_counter() - began)
+            took_s.append(time.thread_time() - began)
     assert statistics.median(took_s) < 0.003  # both sides of the wire; 0.3 ms on a quiet machine
 
 

@@ -4,7 +4,8 @@ import asyncio
 
 import pytest
 
-from tests.robot_bench import wire_on
+from drivers.robot import Point
+from tests.robot_bench import robot_on, wire_on
 
 THERE = "@MOVE P,300.0 100.0 40.0 0.0 0.0 0.0"
 THERE_EXACTLY = (300, 100, 40, 0)
@@ -114,3 +115,12 @@ async def test_a_stop_before_the_next_motion_has_begun_leaves_it_undone():
         wire.send("\x03")
         assert await wire.lines(1) == ["NG=1.8"]
         assert (await stood(bench)).y_mm < 99
+
+
+@pytest.mark.parametrize("dialect", ["rcx3", "rcx2"])
+async def test_the_driver_takes_an_early_end_for_no_arrival(dialect):
+    async with robot_on(speed=5, dialect=dialect, ends_at="outpos") as (bench, robot):
+        for place in (Point(300.0, 100.0, 40.0, 0.0), Point(260.0, -50.0, 20.0, 30.0)):
+            there = await robot.move(place, speed_pct=50)
+            assert there == pytest.approx(place, abs=0.02)
+            assert bench.position() == pytest.approx(place, abs=0.02)

@@ -14,7 +14,10 @@ if TYPE_CHECKING:
 
 @click.group()
 def robot() -> None:
-    """Look into the robot's controller, keep what it stores, time the arm. The daemon must not run."""
+    """Look into the robot's controller, keep what it stores, time the arm.
+
+    The daemon must not run. To be sure whose answers it hears, every command first stops what the controller is doing.
+    """
 
 
 def with_controller(command: F) -> F:

@@ -17,6 +17,7 @@ from cellctl.vision.scan import Line, Scan, stretch
 from cellctl.vision.strip import BLOCK_PX, Lane
 
 ROUGH_SQUARE_DEG = 0.8  # rough lines may be so far from the expected angle between them
+HYPOTHESES = 4  # lines of a side that are looked at, when so many have nearly as many votes: mostly it is one
 DISTINCT_PX = 8.0  # lines closer than this are one
 SPARE_PX = 8.0
 
@@ -102,7 +103,7 @@ def _catch(pixels: Pixels, sides: Sides, votes: tuple[Votes, Votes], limits: Lim
         if blocks >= FEWEST_BLOCKS:
             lanes += [
                 (number, Lane(side.scan, Line.through(side.scan, rough), first, blocks))
-                for rough in rough_lines(vote, 2)
+                for rough in rough_lines(vote, HYPOTHESES)
             ]
     found: tuple[list[Near], list[Near]] = [], []
     if lanes:

@@ -26,7 +26,7 @@ from tests.benchmarks.fuzz_robot import resident_mib
 from tests.modbus_wire import bank, frame
 
 OUT = Path("build/bench-fuzz-modbus.json")
-SLOW_MS, GROWTH_MIB, GROWTH_BLOCKS = 20.0, 16.0, 3000
+SLOW_MS, GROWTH_MIB, GROWTH_BLOCKS = 50.0, 16.0, 3000
 TIDY_EVERY, PROGRESS_S = 2000, 2.0
 LONGEST_ANSWER = 260
 QUESTIONS = (
