@@ -119,6 +119,11 @@ class RobotConfig(Settings):
         if self.reach_inner_mm < abs(self.arm_1_mm - self.arm_2_mm):
             yield "reach_inner_mm", f"folded arms still reach {abs(self.arm_1_mm - self.arm_2_mm):g} mm"
 
+    @property
+    def step(self) -> float:
+        """The smallest difference, in mm and degrees, between two places that the controller can be told."""
+        return 0.001 if self.dialect == "rcx3" else 0.01
+
     def reaches(self, x_mm: float, y_mm: float) -> bool:
         """Whether the tool can stand at X, Y."""
         return self.reach_inner_mm <= math.hypot(x_mm, y_mm) <= self.reach_outer_mm

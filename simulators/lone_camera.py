@@ -45,7 +45,8 @@ def main(arguments: list[str]) -> int:
         with asyncio.Runner(loop_factory=exact_loop) as runner:
             runner.run(_serve(given, show))
     except OSError as error:
-        print(f"simulated camera: {error.strerror or error}", file=sys.stderr)
+        place = f"{error.filename}: " if error.filename else ""
+        print(f"simulated camera: {place}{error.strerror or error}", file=sys.stderr)
         return 1
     return 0
 

@@ -12,6 +12,7 @@ from drivers.errors import DeviceError
 from drivers.plc import Plc
 from drivers.plc_registers import PlcImage
 from simulators.modbus import Exchange
+from simulators.modbus_frames import HEADER_SIZE
 from simulators.plc import PlcServer
 from tests.fault_proxy import FaultProxy, proxied
 from tests.plc_belt import Belt, powered, running
@@ -32,12 +33,22 @@ class Written(NamedTuple):
     outputs: int
 
 
-def written(frame: bytes) -> Written | None:
-    """What a request (with or without its header) writes, None when it writes nothing."""
-    pdu = frame[7:]
+def written(pdu: bytes) -> Written | None:
+    """What a request writes, None when it writes nothing."""
     if pdu[0] not in (16, 23):
         return None
     return Written._make(struct.unpack_from(">7H", pdu, 6 if pdu[0] == 16 else 10))
+
+
+def words_sent(proxy: FaultProxy, since_s: float) -> list[Written]:
+    """What was on the wire to the PLC since then."""
+    sent = [written(p.message[HEADER_SIZE:]) for p in proxy.record if p.direction == "up" and p.at_s > since_s]
+    return [words for words in sent if words is not None]
+
+
+def commands_sent(proxy: FaultProxy, since_s: float) -> set[int]:
+    """Commands among it."""
+    return {words.command for words in words_sent(proxy, since_s) if words.command}
 
 
 @dataclass
@@ -53,13 +64,8 @@ class WiredCell:
 
     def commands_executed(self) -> list[tuple[int, int]]:
         """(sequence, command) as the PLC met each for the first time."""
-        found = [written(bytes(7) + each.request) for each in self.executed]
+        found = [written(each.request) for each in self.executed]
         return list(dict.fromkeys((w.sequence, w.command) for w in found if w is not None and w.command))
-
-    def commands_sent_since(self, at_s: float) -> set[tuple[int, int]]:
-        """(sequence, command) that left the driver after that time."""
-        sent = [written(p.message) for p in self.proxy.record if p.direction == "up" and p.at_s > at_s]
-        return {(w.sequence, w.command) for w in sent if w is not None and w.command}
 
     def truth_age_s(self, image: PlcImage, at_s: float) -> float:
         """How long before `at_s` the PLC answered with exactly this picture; fails when it never did."""
@@ -76,7 +82,7 @@ class WiredCell:
 
         def listen(exchange: Exchange) -> None:
             self.executed.append(exchange)
-            found = written(bytes(7) + exchange.request)
+            found = written(exchange.request)
             if found and found.command and (found.sequence, found.command) not in known and not done:
                 done.append(True)
                 do()

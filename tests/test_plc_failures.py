@@ -21,7 +21,7 @@ from simulators.plc import PlcServer
 from simulators.product import load_product
 from simulators.world import World
 from tests.plc_belt import eventually, running
-from tests.plc_wire import READY_S, Provoke, WiredCell, down, together, wired
+from tests.plc_wire import READY_S, Provoke, WiredCell, commands_sent, down, together, wired
 from tests.wire_trouble import Trouble
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -147,7 +147,7 @@ async def link_comes_back(loss: Provoke) -> None:
 
         assert isinstance(error, LinkLost | NoAnswer)
         assert "robot enable was lost for a moment" in await c.plc.unsafe()
-        assert c.commands_sent_since(seen_s) == set()
+        assert commands_sent(c.proxy, seen_s) == set()
         assert c.world.belt_starts == 0
         await c.plc.reset_latches(within_s=1)
         assert (await c.plc.bring_base(within_s=3)).sequence == c.world.brought == 1

@@ -11,7 +11,7 @@ from tests.benchmarks.vision.contest import HOLE, OFFSET, OURS, Contest
 from tests.benchmarks.vision.table import contest_table
 from tests.benchmarks.vision.trials import calibrated
 from tests.hostile_shown import error_of, is_wrong
-from tests.vision_hostile import KINDS
+from tests.vision_hostile import KINDS, hostile
 from tests.vision_regimes import NUISANCE
 
 pytestmark = pytest.mark.usefixtures("one_thread")
@@ -47,3 +47,11 @@ def test_a_wrong_pose_is_never_accepted(make) -> None:
 
     assert not said["wrong"]
     assert shown.there or not said["right"]
+
+
+@pytest.mark.parametrize(
+    "number", [245, 802, 1484], ids=["nothing but shade", "strip along the edge", "grid of blocks"]
+)
+def test_hostile_pictures_that_once_came_through_are_refused(number: int) -> None:
+    with pytest.raises(NotFound):
+        error_of(hostile(np.random.default_rng([5, number])))

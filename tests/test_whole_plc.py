@@ -10,8 +10,9 @@ from typing import Any
 from cellctl.daemon import build_devices
 from cellctl.machine import State
 from drivers.plc_registers import Command, Output
+from simulators.modbus_frames import HEADER_SIZE
 from tests.fault_proxy import FaultProxy, Passed, proxied
-from tests.plc_wire import Written, written
+from tests.plc_wire import commands_sent, words_sent, written
 from tests.whole_cell import Bench, running, simulated
 from tests.wire_trouble import Trouble, modbus_frames
 
@@ -53,17 +54,6 @@ async def stopped_within(bench: Bench, within_s: float) -> None:
     await asyncio.sleep(0.1)
     assert bench.world.tool() == before
     assert bench.world.held is not None
-
-
-def words_sent(proxy: FaultProxy, since_s: float) -> list[Written]:
-    """What was on the wire to the PLC since then."""
-    sent = [written(p.message) for p in proxy.record if p.direction == "up" and p.at_s > since_s]
-    return [words for words in sent if words is not None]
-
-
-def commands_sent(proxy: FaultProxy, since_s: float) -> set[int]:
-    """Commands among it."""
-    return {words.command for words in words_sent(proxy, since_s) if words.command}
 
 
 async def test_a_lost_plc_stops_the_arm_and_its_unit_is_the_only_one_lost(learnt: Path, tmp_path: Path) -> None:
@@ -130,7 +120,7 @@ async def test_a_release_whose_answer_is_lost_makes_no_unit_twice_and_loses_none
     async with wired_cell(tmp_path, learnt, stale_after_ms=STALE_MS) as (bench, proxy):
 
         def lose_the_answer(passed: Passed) -> None:
-            sent = written(passed.message) if passed.direction == "up" else None
+            sent = written(passed.message[HEADER_SIZE:]) if passed.direction == "up" else None
             if sent is not None and sent.command == Command.RELEASE_GOOD and not proxy.counts["down lose"]:
                 proxy.down = Trouble(lose=1, count=1)
 

@@ -112,7 +112,7 @@ class Budget:
 
     def errors(self, base: Located, battery: Located) -> Errors:
         """Of a battery that is placed by these: 3 rows of its frame in the seat."""
-        at_seat = self._with_teaching(self._stop.seen_from(battery.pose.inverse()))
+        at_seat = self._with_teaching(self._stop_at_seat.seen_from(battery.pose.inverse()))
         of_base = base.errors.seen_from(self.taught.base_from_battery.inverse())
         return of_base.and_of(battery.errors).and_of(at_seat)
 
@@ -189,6 +189,12 @@ class Budget:
     def _stop(self) -> Errors:
         """3 rows: where the tool stands against where it was sent."""
         sd_mm, sd_deg = self._noise
+        return Errors(STOP_NAMES, np.diag([sd_mm, sd_mm, math.radians(sd_deg)]))
+
+    @cached_property
+    def _stop_at_seat(self) -> Errors:
+        """The same of the one stop that is not chosen so that the controller can be told it exactly."""
+        sd_mm, sd_deg = (math.hypot(sd, self.config.robot.step / math.sqrt(12)) for sd in self._noise)
         return Errors(STOP_NAMES, np.diag([sd_mm, sd_mm, math.radians(sd_deg)]))
 
     def _stop_of_camera_1(self, look: Pose, robot_from_base: Pose) -> Errors:
