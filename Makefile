@@ -4,6 +4,7 @@ VENV := .venv
 PEERS := build/peers-venv
 STAMP := $(VENV)/.installed
 PACKAGES := libaravis-0.8-0
+TEST_PACKAGES := $(PACKAGES) aravis-tools-cli fuse3 libmodbus5 mbpoll
 BENCH_PACKAGES := gcc libc6-dev libmodbus-dev
 VM_PACKAGES := qemu-system-x86 busybox-static v4l-utils
 COMPILE := --quiet --universal --python-version 3.11 --generate-hashes --no-annotate --no-header
@@ -34,7 +35,8 @@ help:
 demo: $(STAMP) packages
 	$(VENV)/bin/cellctl demo $(DEMO)
 
-test: $(STAMP) packages lint
+test: $(STAMP) lint
+	@sh deploy/packages.sh $(TEST_PACKAGES)
 	CELLCTL_STRICT=1 $(VENV)/bin/pytest -q $(TEST)
 
 lint: $(STAMP)

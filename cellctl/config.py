@@ -121,8 +121,8 @@ class RobotConfig(Settings):
 
     @property
     def step(self) -> float:
-        """The smallest difference, in mm and degrees, between two places that the controller can be told."""
-        return 0.001 if self.dialect == "rcx3" else 0.01
+        """How coarsely, in mm and degrees, a place is told; 0.001 of the newer generation counts as nothing."""
+        return 0.01 if self.dialect == "rcx2" else 0.0
 
     def reaches(self, x_mm: float, y_mm: float) -> bool:
         """Whether the tool can stand at X, Y."""

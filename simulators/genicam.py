@@ -40,7 +40,8 @@ XML_URL = 0x0200
 INTERFACE_COUNT, CHANNEL_COUNT, CAPABILITY = 0x0600, 0x0904, 0x0934
 HEARTBEAT_MS, TICK_RATE_HIGH, TICK_RATE_LOW = 0x0938, 0x093C, 0x0940
 TIMESTAMP_CONTROL, TIMESTAMP_HIGH, TIMESTAMP_LOW = 0x0944, 0x0948, 0x094C
-CONTROL_PRIVILEGE = 0x0A00
+ACTION_COUNT, ACTION_DEVICE_KEY, ACTION_GROUP_KEY, ACTION_GROUP_MASK = 0x0908, 0x090C, 0x9800, 0x9804
+SWITCHOVER_KEY, CONTROL_PRIVILEGE, CONTROLLER_PORT, CONTROLLER_IP = 0x095C, 0x0A00, 0x0A04, 0x0A14
 STREAM_PORT, STREAM_PACKET, STREAM_DELAY, STREAM_ADDRESS, STREAM_SOURCE_PORT = 0x0D00, 0x0D04, 0x0D08, 0x0D18, 0x0D1C
 TIMESTAMP_LATCH_BIT = 0x2
 TICKS_PER_S = 1_000_000_000
@@ -79,7 +80,7 @@ def registers(sensor: tuple[int, int], largest_packet: int) -> dict[str, Registe
         "FramePeriodUs": Register(0x10030, 100_000, 5_000, 10_000_000),
         "TriggerSelector": Register(0x10040, 0, 0, 0),
         "TriggerMode": Register(0x10044, 0, 0, 1),
-        "TriggerSource": Register(0x10048, 0, 0, 1),
+        "TriggerSource": Register(0x10048, 0, 0, 2),
         "TriggerActivation": Register(0x1004C, 0, 0, 0),
         "TriggerSoftware": Register(0x10050, 0, 0, 1),
         "ExposureNs": Register(0x10060, 1_000_000, 10_000, 1_000_000_000),
@@ -93,11 +94,18 @@ def registers(sensor: tuple[int, int], largest_packet: int) -> dict[str, Registe
         "ChunkModeActive": Register(0x10094, 0, 0, 1, locked=True),
         "ChunkSelector": Register(0x10098, 0, 0, 1),
         "ChunkEnable": Register(0x1009C, 1, 1, 1),
+        "TestPattern": Register(0x100A0, 0, 0, 4),
         "TemperatureMillideg": Register(0x10090, 41_500, 0, 100_000, writable=False),
         "GevHeartbeatTimeout": Register(HEARTBEAT_MS, 3_000, 500, 600_000),
         "GevTimestampControl": Register(TIMESTAMP_CONTROL),
         "GevTimestampHigh": Register(TIMESTAMP_HIGH, writable=False),
         "GevTimestampLow": Register(TIMESTAMP_LOW, writable=False),
+        "ActionDeviceKey": Register(ACTION_DEVICE_KEY),
+        "ActionGroupKey": Register(ACTION_GROUP_KEY),
+        "ActionGroupMask": Register(ACTION_GROUP_MASK),
+        "GevPrimaryApplicationSwitchoverKey": Register(SWITCHOVER_KEY, 0, 0, 0xFFFF),
+        "GevPrimaryApplicationSocket": Register(CONTROLLER_PORT, writable=False),
+        "GevPrimaryApplicationIPAddress": Register(CONTROLLER_IP, writable=False),
         "GevCCP": Register(CONTROL_PRIVILEGE, 0, 0, 0xFFFFFFFF),
         "GevSCPHostPort": Register(STREAM_PORT, 0, 0, 0xFFFFFFFF),
         "GevSCPS": Register(STREAM_PACKET, 1500, SMALLEST_PACKET, largest_packet, 4),
@@ -113,7 +121,7 @@ CATEGORIES = {
     ),
     "ImageFormatControl": (
         "SensorWidth SensorHeight WidthMax HeightMax Width Height OffsetX OffsetY PixelFormat "
-        "BinningHorizontal BinningVertical ReverseX ReverseY"
+        "BinningHorizontal BinningVertical ReverseX ReverseY TestPattern"
     ),
     "AcquisitionControl": (
         "AcquisitionMode AcquisitionStart AcquisitionStop AcquisitionFrameRateEnable AcquisitionFrameRate "
@@ -121,6 +129,7 @@ CATEGORIES = {
     ),
     "AnalogControl": "Gain GainAuto BlackLevel",
     "ChunkDataControl": "ChunkModeActive ChunkSelector ChunkEnable ChunkExposureTime ChunkGain",
+    "ActionControl": "ActionDeviceKey ActionGroupKey ActionGroupMask",
     "TransportLayerControl": (
         "PayloadSize GevSCPSPacketSize GevSCPSFireTestPacket GevSCPD GevHeartbeatTimeout "
         "GevTimestampTickFrequency GevTimestampControlLatch GevTimestampValue"
@@ -140,8 +149,9 @@ CHOICES = {
     "AcquisitionMode": {"Continuous": 0},
     "TriggerSelector": {"FrameStart": 0},
     "TriggerMode": {"Off": 0, "On": 1},
-    "TriggerSource": {"Software": 0, "Line0": 1},
+    "TriggerSource": {"Software": 0, "Line0": 1, "Action1": 2},
     "TriggerActivation": {"RisingEdge": 0},
+    "TestPattern": {"Off": 0, "Black": 1, "White": 2, "GreyHorizontalRamp": 3, "GreyHorizontalRampMoving": 4},
     "ChunkSelector": {"ExposureTime": 0, "Gain": 1},
     "ExposureAuto": {"Off": 0},
     "GainAuto": {"Off": 0},
@@ -160,7 +170,7 @@ INTEGERS = (
     "BinningVertical",
 )
 SWITCHES = ("AcquisitionFrameRateEnable", "ReverseX", "ReverseY", "ChunkModeActive", "ChunkEnable")
-TRANSPORT_INTEGERS = ("GevSCPD", "GevHeartbeatTimeout")
+TRANSPORT_INTEGERS = ("GevSCPD", "GevHeartbeatTimeout", "ActionDeviceKey", "ActionGroupKey", "ActionGroupMask")
 
 
 def _tag(kind: str, name: str, **parts: object) -> str:

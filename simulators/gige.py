@@ -6,7 +6,6 @@ saw in the middle of the exposure.
 
 import asyncio
 import socket
-import time
 from collections.abc import Callable
 from typing import Self
 
@@ -14,9 +13,10 @@ import numpy as np
 
 from simulators import genicam, gvcp
 from simulators.clock import Clock
+from simulators.gige_control import Control
 from simulators.gige_faults import Faults
 from simulators.gige_formats import Seen
-from simulators.gige_imaging import LINE, SOFTWARE, Counts, Exposure, Imaging, ticks
+from simulators.gige_imaging import ACTION, LINE, SOFTWARE, Counts, Exposure, Imaging
 from simulators.gvcp import Command, Forced, Identity, Registers, Request, Status
 from simulators.gvsp import Target
 
@@ -24,8 +24,6 @@ __all__ = ["Counts", "Exposure", "GigeCameraServer"]
 
 GVCP_PORT = 3956
 LARGEST_PACKET = 16_000  # of 16,640 bytes that the kernel charges a receiver for such a packet
-CONTROL_BITS = 0x3
-WATCH_S = 0.1
 
 
 class _Channel(asyncio.DatagramProtocol):
@@ -62,10 +60,14 @@ class GigeCameraServer:
         self.serial = serial
         self.counts = Counts()
         self.registers = Registers(Identity(ip, serial, name), sensor, largest_packet)
-        self.faults = Faults(rng if rng is not None else np.random.default_rng(0))
+        device = {
+            "release_control": self._let_go,
+            "other_controller": self._take_elsewhere,
+            "reboot": self._reboot,
+        }
+        self.faults = Faults(rng if rng is not None else np.random.default_rng(0), device)
         self._imaging = Imaging(self.registers, self.faults, picture, clock, self.counts)
-        self._controller: Target | None = None
-        self._heard_s = 0.0
+        self._control = Control(self.registers, self._imaging.stop_acquisition)
         self._answered: tuple[Target, bytes, bytes] | None = None
         self._later: set[asyncio.TimerHandle] = set()
         self._moving: asyncio.Task[None] | None = None
@@ -79,11 +81,11 @@ class GigeCameraServer:
         except OSError:
             self._transport.close()
             raise
-        self._watch = asyncio.create_task(self._watch_controller())
+        self._watch = asyncio.create_task(self._control.watch())
 
     async def close(self) -> None:
         """Stop. Raises what `picture` raised."""
-        self._release()
+        self._control.release()
         for handle in self._later:
             handle.cancel()
         for task in filter(None, (self._watch, self._moving)):
@@ -120,18 +122,31 @@ class GigeCameraServer:
         self._imaging.trigger(LINE)
 
     def inject(self, fault: str, **params: object) -> None:
-        """Put a fault in force (see Faults), or `release_control`; raises ValueError for what it cannot do."""
-        if fault == "release_control" and not params:
-            self._release()
-            return
+        """Put a fault in force (see Faults); raises ValueError for what it cannot do."""
         self.faults.inject(fault, **params)
+
+    def _let_go(self) -> None:
+        self._control.release()
+
+    def _take_elsewhere(self) -> None:
+        self._control.take_elsewhere()
+
+    def _reboot(self, for_s: float = 1.0) -> None:
+        """Power off and on: silent for so long (wall seconds), then as new, but at its present address."""
+        self.faults.stay_away(for_s)
+        self._control.release()
+        self.registers.restart()
+        self._imaging.restart()
+        self._answered = None
 
     def _on_broadcast(self, data: bytes, client: Target) -> None:
         request = gvcp.decode(data)
-        if request is None or self.faults.on("mute"):
+        if request is None or self.faults.silent:
             return
         if request.command == Command.FORCE_IP:
             self._be_forced(request)
+        if request.command == Command.ACTION:
+            self._on_datagram(data, client)
         if request.command != Command.DISCOVERY:
             return
         # A client that finds us through another interface would wait there for our pictures.
@@ -141,7 +156,7 @@ class GigeCameraServer:
     def _be_forced(self, request: Request) -> None:
         """Take another address, if it is meant and nobody controls it. Whoever asked looks for it anew."""
         wanted = gvcp.forced(request.body)
-        if wanted is None or wanted.mac != self.registers.mac or self._controller or self._moving:
+        if wanted is None or wanted.mac != self.registers.mac or self._control.holder or self._moving:
             return
         self._moving = asyncio.create_task(self._move(wanted))
 
@@ -162,7 +177,7 @@ class GigeCameraServer:
         if request is None:
             self.counts.malformed += 1
             return
-        if self.faults.on("mute"):
+        if self.faults.silent:
             return
         if request.command == Command.PACKET_RESEND:
             self._resend(request, client)
@@ -171,7 +186,7 @@ class GigeCameraServer:
         known = self._answered
         reply = known[2] if known and known[:2] == (client, data) else self._execute(request, client)
         self._answered = (client, data, reply)
-        if request.wants_answer and not self.faults.take("lost_acks"):
+        if reply and request.wants_answer and not self.faults.take("lost_acks"):
             self._reply(request, reply, client)
 
     def _reply(self, request: Request, reply: bytes, client: Target) -> None:
@@ -184,24 +199,39 @@ class GigeCameraServer:
         self._later.add(asyncio.get_running_loop().call_later(delay_ms / 1e3, self._transport.sendto, reply, client))
 
     def _execute(self, request: Request, client: Target) -> bytes:
-        if client == self._controller:
-            self._heard_s = time.monotonic()
+        self._control.hear(client)
         match request.command:
             case Command.DISCOVERY:
-                return gvcp.answer(request, Status.OK, self.registers.discovery())
+                status = Status.INVALID_HEADER if request.body else Status.OK
+                return gvcp.answer(request, status, self.registers.discovery())
             case Command.READ_REGISTER | Command.READ_MEMORY:
-                return self._read(request)
+                return self._read(request, client)
+            case Command.ACTION:
+                return self._be_told(request)
             case Command.WRITE_REGISTER | Command.WRITE_MEMORY:
                 return self._write(request, client)
         return gvcp.answer(request, Status.NOT_IMPLEMENTED)
 
-    def _read(self, request: Request) -> bytes:
+    def _be_told(self, request: Request) -> bytes:
+        """A start signal for all cameras with the same keys. One that is not meant does not answer."""
+        wanted = gvcp.action(request.body)
+        if wanted is None:
+            return gvcp.answer(request, Status.INVALID_HEADER)
+        keys = self.registers["ActionDeviceKey"], self.registers["ActionGroupKey"]
+        meant = keys == wanted[:2] and self.registers["ActionGroupMask"] & wanted.group_mask
+        if not meant or self._control.holder is None:
+            return b""
+        self._imaging.trigger(ACTION)
+        return gvcp.answer(request, Status.OK)
+
+    def _read(self, request: Request, client: Target) -> bytes:
         wanted = gvcp.reads(request)
         if wanted is None:
             return gvcp.answer(request, Status.INVALID_HEADER)
         found = b"" if request.command == Command.READ_REGISTER else gvcp.WORD.pack(wanted[0][0])
         for address, length in wanted:
-            data = self.registers.read(address, length)
+            allowed = self._control.may_read(client, address)
+            data = self.registers.read(address, length) if allowed else Status.ACCESS_DENIED
             if isinstance(data, Status):
                 return gvcp.answer(request, data)
             found += data
@@ -222,9 +252,12 @@ class GigeCameraServer:
 
     def _write_one(self, address: int, data: bytes, client: Target) -> Status:
         if address == genicam.CONTROL_PRIVILEGE:
-            return self._privilege(gvcp.WORD.unpack(data)[0], client)
-        if client != self._controller:
+            refused = self.faults.on("refuse_control")
+            return self._control.ask(gvcp.WORD.unpack(data)[0], client, refused=refused)
+        if client != self._control.holder:
             return Status.ACCESS_DENIED
+        if address == genicam.SWITCHOVER_KEY:
+            return self._control.set_key(gvcp.WORD.unpack(data)[0])
         if self.faults.on("stuck_exposure") and address == self.registers.table["ExposureNs"].address:
             return Status.OK
         status = self.registers.write(address, data, busy=self._imaging.acquiring)
@@ -238,7 +271,7 @@ class GigeCameraServer:
         if address == genicam.STREAM_PACKET and value & gvcp.TEST_PACKET_BIT:
             self._imaging.test_packet()
         elif address == genicam.TIMESTAMP_CONTROL and value & genicam.TIMESTAMP_LATCH_BIT:
-            self.registers["GevTimestampHigh"], self.registers["GevTimestampLow"] = divmod(ticks(), 1 << 32)
+            self.registers["GevTimestampHigh"], self.registers["GevTimestampLow"] = divmod(self._imaging.ticks(), 1 << 32)
         elif address == table["AcquisitionStart"].address:
             self._imaging.start_acquisition()
         elif address == table["AcquisitionStop"].address:
@@ -246,33 +279,10 @@ class GigeCameraServer:
         elif address == table["TriggerSoftware"].address:
             self._imaging.trigger(SOFTWARE)
 
-    def _privilege(self, value: int, client: Target) -> Status:
-        if self._controller not in (None, client):
-            self.counts.controllers_refused += 1
-            return Status.ACCESS_DENIED
-        if value & CONTROL_BITS:
-            self._controller, self._heard_s = client, time.monotonic()
-            self.registers["GevCCP"] = value & CONTROL_BITS
-        else:
-            self._release()
-        return Status.OK
-
-    def _release(self) -> None:
-        self._controller = None
-        self.registers["GevCCP"] = 0
-        self._imaging.stop_acquisition()
-
-    async def _watch_controller(self) -> None:
-        """Let a controller go that is not heard for the heartbeat time; wall time, for it is no part of the world."""
-        while True:
-            await asyncio.sleep(WATCH_S)
-            silent_ms = (time.monotonic() - self._heard_s) * 1e3
-            if self._controller is not None and silent_ms > self.registers["GevHeartbeatTimeout"]:
-                self._release()
-
     def _resend(self, request: Request, client: Target) -> None:
         wanted = gvcp.resend(request.body)
-        if wanted is not None and self._controller is not None and client[0] == self._controller[0]:
+        holder = self._control.holder
+        if wanted is not None and holder is not None and client[0] == holder[0]:
             self._imaging.resend(wanted)
 
 

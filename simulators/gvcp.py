@@ -15,6 +15,7 @@ from simulators.genicam import Register
 KEY = 0x42
 HEADER = struct.Struct(">BBHHH")
 ACK_HEADER = struct.Struct(">HHHH")
+LONGEST_BODY = 540  # of a datagram of 576 bytes with all its headers
 LONGEST_READ = 536  # bytes in one READMEM answer
 BOOTSTRAP_END = 0x20000
 WORD = struct.Struct(">I")
@@ -31,6 +32,7 @@ class Command(IntEnum):
     WRITE_REGISTER = 0x0082
     READ_MEMORY = 0x0084
     WRITE_MEMORY = 0x0086
+    ACTION = 0x0100
     PENDING = 0x0088  # its answer, 0x0089, asks the client to wait
 
 
@@ -56,6 +58,9 @@ class Capability(IntFlag):
     WRITE_MEMORY = 0x2
     PACKET_RESEND = 0x4
     PENDING_ACK = 0x20
+    ACTION = 0x40
+    SWITCHOVER = 0x00200000
+    CONTROLLER_ADDRESS = 0x08000000
     SERIAL_NUMBER = 0x40000000
     USER_NAME = 0x80000000
 
@@ -77,6 +82,14 @@ class Resend(NamedTuple):
     last: int
 
 
+class Action(NamedTuple):
+    """Cameras with this device key and group key, and a bit of this mask, are to act."""
+
+    device_key: int
+    group_key: int
+    group_mask: int
+
+
 class Forced(NamedTuple):
     """The camera with this MAC address is to have this address and network mask."""
 
@@ -91,7 +104,7 @@ def decode(datagram: bytes) -> Request | None:
         return None
     key, flags, command, length, number = HEADER.unpack_from(datagram)
     body = datagram[HEADER.size :]
-    if key != KEY or number == 0 or length != len(body):
+    if key != KEY or number == 0 or length != len(body) or length > LONGEST_BODY:
         return None
     return Request(command, bool(flags & 1), number, body)
 
@@ -116,12 +129,17 @@ def forced(body: bytes) -> Forced | None:
 
 
 def resend(body: bytes) -> Resend | None:
-    """The packets that a PACKETRESEND command asks for."""
-    if len(body) < 12:
+    """The packets that a PACKETRESEND command asks for; None when the command is malformed."""
+    if len(body) != 12:
         return None
-    _channel, block, first, last = struct.unpack_from(">HHII", body)
+    channel, block, first, last = struct.unpack(">HHII", body)
     first, last = first & 0xFFFFFF, last & 0xFFFFFF
-    return Resend(block, first, last) if first <= last else None
+    return Resend(block, first, last) if channel == 0 and block and first <= last else None
+
+
+def action(body: bytes) -> Action | None:
+    """Whom an ACTION command means; None when the command is malformed."""
+    return Action(*struct.unpack(">III", body)) if len(body) == 12 else None
 
 
 def reads(request: Request) -> list[tuple[int, int]] | None:
@@ -164,14 +182,19 @@ class Registers:
         self._by_address = {register.address: register for register in self.table.values()}
         self._memory = bytearray(BOOTSTRAP_END)
         self._xml = genicam.zipped(genicam.description(self.table, sensor))
+        self.restart()
+        self._identify(identity)
+
+    def restart(self) -> None:
+        """All settings as after power-on; who the camera is stays as it is."""
         for register in self.table.values():
             self._set(register.address, register.start)
-        self._identify(identity)
 
     def _identify(self, identity: Identity) -> None:
         ip = int(ipaddress.IPv4Address(identity.ip))
         capability = Capability.WRITE_MEMORY | Capability.PACKET_RESEND | Capability.PENDING_ACK
-        capability |= Capability.CONCATENATION | Capability.SERIAL_NUMBER | Capability.USER_NAME
+        capability |= Capability.CONCATENATION | Capability.SERIAL_NUMBER | Capability.USER_NAME | Capability.ACTION
+        capability |= Capability.SWITCHOVER | Capability.CONTROLLER_ADDRESS
         facts = {
             genicam.VERSION: 0x00010002,
             genicam.DEVICE_MODE: 0x80000001,  # big-endian, UTF-8 texts
@@ -183,6 +206,7 @@ class Registers:
             genicam.CURRENT_MASK: 0xFF000000,
             genicam.INTERFACE_COUNT: 1,
             genicam.CHANNEL_COUNT: 1,
+            genicam.ACTION_COUNT: 1,
             genicam.CAPABILITY: int(capability),
             genicam.TICK_RATE_HIGH: 0,
             genicam.TICK_RATE_LOW: genicam.TICKS_PER_S,

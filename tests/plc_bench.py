@@ -27,6 +27,7 @@ class Station:
         self.estop_pressed = self.guard_open = False
         self.air_ok = True
         self.robot_enable = False
+        self.battery = False
         self.carrier = 0
         self.came = 0
         self.left: list[tuple[int, bool]] = []
@@ -53,7 +54,7 @@ class Station:
         return self.conveyor.clamped and self.conveyor.occupied
 
     def battery_on_table(self) -> bool:
-        return False
+        return self.battery
 
     def conveyor_moving(self) -> bool:
         return self.conveyor.moving

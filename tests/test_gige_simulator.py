@@ -555,7 +555,7 @@ def test_a_receiver_that_does_not_read_holds_the_sender_up_only_so_long():
 async def run_tool(ip: str, *arguments: str) -> str:
     tool = shutil.which("arv-tool-0.8")
     if tool is None:
-        pytest.skip("arv-tool-0.8 is not installed (Debian package aravis-tools-cli)")
+        missing("arv-tool-0.8", "aravis-tools-cli")
     process = await asyncio.create_subprocess_exec(
         tool, *arguments, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, env={**os.environ, "LC_ALL": "C"}
     )
