@@ -223,7 +223,7 @@ class PlcScan:
             sequence,
             command,
             argument,
-            self.outputs,
+            int(self.outputs),  # a flag would be slow to mask
             self.taken,
             shown.good,
             shown.rejected,

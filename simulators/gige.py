@@ -16,8 +16,10 @@ from simulators.clock import Clock
 from simulators.gige_control import Control
 from simulators.gige_faults import Faults
 from simulators.gige_formats import Seen
-from simulators.gige_imaging import ACTION, LINE, SOFTWARE, Counts, Exposure, Imaging
-from simulators.gvcp import Command, Forced, Identity, Registers, Request, Status
+from simulators.gige_imaging import ACTION, LINE, SOFTWARE, Exposure, Imaging
+from simulators.gige_link import Counts
+from simulators.gige_registers import Identity, Registers
+from simulators.gvcp import Command, Forced, Request, Status
 from simulators.gvsp import Target
 
 __all__ = ["Counts", "Exposure", "GigeCameraServer"]
@@ -67,7 +69,7 @@ class GigeCameraServer:
         }
         self.faults = Faults(rng if rng is not None else np.random.default_rng(0), device)
         self._imaging = Imaging(self.registers, self.faults, picture, clock, self.counts)
-        self._control = Control(self.registers, self._imaging.stop_acquisition)
+        self._control = Control(self.registers, self.counts, self._imaging.stop_acquisition)
         self._answered: tuple[Target, bytes, bytes] | None = None
         self._later: set[asyncio.TimerHandle] = set()
         self._moving: asyncio.Task[None] | None = None
@@ -145,12 +147,12 @@ class GigeCameraServer:
             return
         if request.command == Command.FORCE_IP:
             self._be_forced(request)
+        # A client that finds us through another interface would wait there for our pictures.
+        if not client[0].startswith("127."):
+            return
         if request.command == Command.ACTION:
             self._on_datagram(data, client)
-        if request.command != Command.DISCOVERY:
-            return
-        # A client that finds us through another interface would wait there for our pictures.
-        if client[0].startswith("127."):
+        if request.command == Command.DISCOVERY:
             self._transport.sendto(gvcp.answer(request, Status.OK, self.registers.discovery()), client)
 
     def _be_forced(self, request: Request) -> None:
@@ -170,7 +172,7 @@ class GigeCameraServer:
         self._transport.close()
         self._transport, self.ip = transport, wanted.ip
         self.registers.move(wanted.ip, wanted.mask)
-        self._imaging.move(wanted.ip)
+        self._imaging.link.move(wanted.ip)
 
     def _on_datagram(self, data: bytes, client: Target) -> None:
         request = gvcp.decode(data)
@@ -269,9 +271,9 @@ class GigeCameraServer:
         """What follows from a register's new value."""
         table = self.registers.table
         if address == genicam.STREAM_PACKET and value & gvcp.TEST_PACKET_BIT:
-            self._imaging.test_packet()
+            self._imaging.link.test_packet()
         elif address == genicam.TIMESTAMP_CONTROL and value & genicam.TIMESTAMP_LATCH_BIT:
-            self.registers["GevTimestampHigh"], self.registers["GevTimestampLow"] = divmod(self._imaging.ticks(), 1 << 32)
+            self._imaging.latch()
         elif address == table["AcquisitionStart"].address:
             self._imaging.start_acquisition()
         elif address == table["AcquisitionStop"].address:
@@ -283,7 +285,7 @@ class GigeCameraServer:
         wanted = gvcp.resend(request.body)
         holder = self._control.holder
         if wanted is not None and holder is not None and client[0] == holder[0]:
-            self._imaging.resend(wanted)
+            self._imaging.link.resend(wanted)
 
 
 def _loop_s() -> float:

@@ -11,7 +11,9 @@ import time
 from collections.abc import Callable
 
 from simulators import genicam, gvcp
-from simulators.gvcp import Registers, Status
+from simulators.gige_link import Counts
+from simulators.gige_registers import Registers
+from simulators.gvcp import Status
 from simulators.gvsp import Target
 
 EXCLUSIVE, CONTROL, SWITCHOVER = 0x1, 0x2, 0x4  # bits of the privilege register; its upper half is a key
@@ -24,10 +26,9 @@ ELSEWHERE: Target = ("127.255.255.1", 1)  # where the program is that holds cont
 class Control:
     """The privilege register, and whoever holds it. `on_release` is called when a controller is let go."""
 
-    def __init__(self, registers: Registers, on_release: Callable[[], None]) -> None:
+    def __init__(self, registers: Registers, counts: Counts, on_release: Callable[[], None]) -> None:
         self.holder: Target | None = None
-        self.refused = 0
-        self._registers, self._on_release = registers, on_release
+        self._registers, self._counts, self._on_release = registers, counts, on_release
         self._heard_s = 0.0
         self._key = 0
 
@@ -51,12 +52,12 @@ class Control:
     def ask(self, value: int, client: Target, *, refused: bool) -> Status:
         """A write to the privilege register. `refused`: by a fault."""
         if self.holder not in (None, client) and not self._may_take_over(value):
-            self.refused += 1
+            self._counts.controllers_refused += 1
             return Status.ACCESS_DENIED
         if not value & (EXCLUSIVE | CONTROL):
             self.release()
         elif refused:
-            self.refused += 1
+            self._counts.controllers_refused += 1
             return Status.ACCESS_DENIED
         else:
             self._grant(value & PRIVILEGES, client)

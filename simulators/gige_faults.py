@@ -1,14 +1,17 @@
 """What can be wrong with a simulated camera, its cable and its link: one verb, `inject`."""
 
 import inspect
+import time
 from collections import Counter
 from collections.abc import Callable
 
 import numpy as np
+from numpy.typing import NDArray
 
 from simulators.gvsp import Order
 
 SHUFFLED = 8  # packets that a reordering network mixes
+LONGEST_AWAY_S = 60.0
 
 
 class Faults:
@@ -18,6 +21,9 @@ class Faults:
     |---|---|---|
     | drop_ratio | ratio | payload packets lost at random on their first way |
     | drop_packets | packets, frames=1 | these packet numbers (0 is the leader) lost in the next frames |
+    | mtu | size_bytes=0 | packets larger than this are lost, test packets too; 0 ends it |
+    | link | mbps=0 | the link has this rate, packets evenly spread; 0: a gigabit's time, in one burst |
+    | resend_limit | packets | no more packets of a picture are sent again than these; 0 ends it |
     | drop_resends | ratio | packets that are sent again, lost at random |
     | resend_unavailable | on=True | a request to send again is answered "packet unavailable" |
     | reorder | on=True | packets overtake each other |
@@ -28,11 +34,15 @@ class Faults:
     | stale_frame | count=1, alone=False | the previous picture is sent again, before the true one or instead of it |
     | wrong_size | count=1 | the next pictures have fewer lines than set |
     | stuck_exposure | on=True | a new exposure time is acknowledged and not taken |
+    | refuse_control | on=True | nobody is given control |
+    | other_controller | | another program takes control and keeps it |
+    | release_control | | whoever has control loses it |
+    | reboot | for_s=1.0 | silent for so long (wall time), then as after power-on; its clock begins anew |
     | mute | on=True | cable out: nothing is answered or sent |
-    | clear | | all of the above end |
+    | clear | | all of the above end, but for who has control |
     """
 
-    def __init__(self, rng: np.random.Generator) -> None:
+    def __init__(self, rng: np.random.Generator, of_device: dict[str, Callable[..., None]] | None = None) -> None:
         self._rng = rng
         self.packets_dropped = 0
         self._verbs: dict[str, Callable[..., None]] = {
@@ -42,9 +52,13 @@ class Faults:
             "duplicate": self._duplicate,
             "pending_ack": self._pending_ack,
             "stale_frame": self._stale_frame,
+            "mtu": self._mtu,
+            "link": self._link,
+            "resend_limit": self._resend_limit,
             "clear": self._clear,
+            **(of_device or {}),
         }
-        self._switches = ("resend_unavailable", "reorder", "stuck_exposure", "mute")
+        self._switches = ("resend_unavailable", "reorder", "stuck_exposure", "refuse_control", "mute")
         self._counted = ("lost_acks", "ignore_trigger", "wrong_size")
         self._clear()
 
@@ -73,7 +87,9 @@ class Faults:
         self._drop = self._resend_drop = self._double = 0.0
         self._chosen: frozenset[int] = frozenset()
         self._stale_alone = False
-        self.pending_ms = 0
+        self.pending_ms = self.mtu_bytes = self.most_resends = 0
+        self.link_mbps = 0.0
+        self._back_s = 0.0
 
     def _switch(self, fault: str, on: bool) -> None:
         self._on = self._on | {fault} if on else self._on - {fault}
@@ -101,6 +117,26 @@ class Faults:
         self._left["stale_frame"] = count
         self._stale_alone = alone
 
+    def _mtu(self, size_bytes: int = 0) -> None:
+        self.mtu_bytes = size_bytes
+
+    def _link(self, mbps: float = 0.0) -> None:
+        self.link_mbps = mbps
+
+    def _resend_limit(self, packets: int) -> None:
+        self.most_resends = packets
+
+    def stay_away(self, for_s: float) -> None:
+        """Silent for so long, in wall time."""
+        if not 0 <= for_s <= LONGEST_AWAY_S:
+            raise ValueError(f"a camera boots in 0 to {LONGEST_AWAY_S} s (got {for_s})")
+        self._back_s = time.monotonic() + for_s
+
+    @property
+    def silent(self) -> bool:
+        """Is nothing heard of the camera now?"""
+        return self.on("mute") or time.monotonic() < self._back_s
+
     def on(self, fault: str) -> bool:
         """Is this switch set?"""
         return fault in self._on
@@ -117,9 +153,9 @@ class Faults:
         stale = self.take("stale_frame")
         return stale, not (stale and self._stale_alone)
 
-    def on_their_way(self, order: Order) -> Order:
-        """The packets of one picture that the network delivers, in the order it delivers them."""
-        lost = self._rng.random(order.size) < self._drop
+    def on_their_way(self, order: Order, sizes: Order) -> Order:
+        """The packets (of these sizes, in bytes) that the network delivers, in the order it delivers them."""
+        lost = (self._rng.random(order.size) < self._drop) | self._too_large(sizes)
         if self.take("drop_packets"):
             lost |= np.isin(order, list(self._chosen))
         self.packets_dropped += int(np.count_nonzero(lost))
@@ -128,9 +164,12 @@ class Faults:
             order = order[np.argsort(np.arange(order.size) + self._rng.random(order.size) * SHUFFLED)]
         return np.repeat(order, 1 + (self._rng.random(order.size) < self._double))
 
-    def resent(self, order: Order) -> Order:
+    def resent(self, order: Order, sizes: Order) -> Order:
         """The packets, sent again, that the network delivers."""
-        return order[self._rng.random(order.size) >= self._resend_drop]
+        return order[(self._rng.random(order.size) >= self._resend_drop) & ~self._too_large(sizes)]
+
+    def _too_large(self, sizes: Order) -> NDArray[np.bool_]:
+        return sizes > self.mtu_bytes if self.mtu_bytes else np.zeros(sizes.size, np.bool_)
 
 
 def _ratio(value: float) -> float:

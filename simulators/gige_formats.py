@@ -13,7 +13,16 @@ from simulators.genicam import PIXEL_FORMATS
 
 Seen = NDArray[np.uint8] | NDArray[np.uint16]
 BITS = {"Mono8": 8, "Mono10": 10, "Mono12": 12, "Mono16": 16}
+BLACK, WHITE, RAMP, RAMP_MOVING = 1, 2, 3, 4  # test patterns, as numbered in the register
 NAMES = {code: name for name, code in PIXEL_FORMATS.items()}
+
+
+def pattern(number: int, size: tuple[int, int], step: int) -> NDArray[np.uint8]:
+    """One of the camera's own test pictures of (height, width): black, white, a grey ramp, one that moves by `step`."""
+    if number in (BLACK, WHITE):
+        return np.full(size, 255 if number == WHITE else 0, np.uint8)
+    ramp = np.arange(size[1]) + (step if number == RAMP_MOVING else 0)
+    return np.broadcast_to(ramp.astype(np.uint8), size)
 
 
 def pack(seen: Seen, code: int) -> NDArray[np.uint8]:

@@ -6,28 +6,25 @@ have delivered it.
 """
 
 import asyncio
-import socket
 import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, suppress
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
-from simulators import genicam, gvcp
 from simulators.clock import Clock
 from simulators.genicam_chunks import with_chunks
 from simulators.gige_faults import Faults
-from simulators.gige_formats import Seen, pack
-from simulators.gvcp import Registers, Resend
-from simulators.gvsp import Block, Order, Picture, Sender, Target, unavailable
+from simulators.gige_formats import Seen, pack, pattern
+from simulators.gige_link import Counts, Link
+from simulators.gige_registers import Registers
+from simulators.gvsp import Picture
 
 READ_OUT_S = 0.003  # world seconds from the end of exposure to the first line on the link
-WIRE_S_PER_BYTE = 8.25e-9  # 1 Gb/s and its overhead
 QUICK_S = 0.010  # wall seconds that sending takes here, well above the usual
-SOFTWARE, LINE = 0, 1  # trigger sources
+SOFTWARE, LINE, ACTION = 0, 1, 2  # trigger sources
 MOST_WAITING = 4  # exposed pictures that wait for the link; a real camera's buffer is as small
 CLOSE_WITHIN_S = 1.0
 
@@ -42,19 +39,6 @@ class Exposure(NamedTuple):
     offset_y: int
     width: int
     height: int
-
-
-@dataclass
-class Counts:
-    """What the camera did since its start."""
-
-    malformed: int = 0
-    triggers: int = 0
-    triggers_missed: int = 0
-    frames: int = 0
-    packets: int = 0
-    packets_resent: int = 0
-    controllers_refused: int = 0
 
 
 class _Shot(NamedTuple):
@@ -75,26 +59,22 @@ class Imaging:
         self.registers = registers
         self.faults = faults
         self.counts = counts
+        self.link = Link(registers, faults, counts)
         self.acquiring = False
         self._picture = picture
         self._clock = clock
         self._session = 0  # counts acquisitions; an exposure of an earlier one is not sent
-        self._block = 0
         self._exposing_until_s = self._link_free_s = -1.0
         self._previous: Picture | None = None
         self._free_run: asyncio.Task[None] | None = None
+        self._booted_ns = 0
 
     def start(self, ip: str) -> None:
         """Open the stream socket and begin to wait for triggers."""
-        self._sender = Sender(ip)
+        self.link.open(ip)
         self._waiting: asyncio.Queue[_Shot | None] = asyncio.Queue(MOST_WAITING + 1)
         self._worker = ThreadPoolExecutor(1, thread_name_prefix=f"simulated camera {ip}")
         self._pipeline = asyncio.create_task(self._take_pictures())
-
-    def move(self, ip: str) -> None:
-        """Send from another address; not while pictures are being taken."""
-        self._sender.close()
-        self._sender = Sender(ip)
 
     async def close(self) -> None:
         """Stop. Raises what `picture` raised."""
@@ -106,9 +86,23 @@ class Imaging:
             task.cancel()
             await asyncio.wait([task])
         self._worker.shutdown()
-        self._sender.close()
+        self.link.close()
         if not self._pipeline.cancelled():
             self._pipeline.result()
+
+    def restart(self) -> None:
+        """As after power-on; acquisition is stopped already."""
+        self.link.begin_anew()
+        self._previous = None
+        self._booted_ns = time.monotonic_ns()
+
+    def ticks(self) -> int:
+        """The camera's own clock, in wall time: to the controller, which is not accelerated, it is a good one."""
+        return time.monotonic_ns() - self._booted_ns
+
+    def latch(self) -> None:
+        """Keep the time of now for the controller to read."""
+        self.registers["GevTimestampHigh"], self.registers["GevTimestampLow"] = divmod(self.ticks(), 1 << 32)
 
     # Exposure, in world time
 
@@ -117,8 +111,8 @@ class Imaging:
         if self.acquiring:
             return
         self._session += 1
-        self.acquiring, self._block = True, 0
-        self._sender.forget()
+        self.acquiring = True
+        self.link.begin_anew()
         if not self.registers["TriggerMode"]:
             self._free_run = asyncio.create_task(self._run_free())
 
@@ -160,7 +154,7 @@ class Imaging:
         """An exposure that begins now, and the hold on world time until its last packet is due."""
         registers = self.registers
         end_s = start_s + registers["ExposureNs"] / 1e9
-        due_s = max(end_s + READ_OUT_S, self._link_free_s) + registers["PayloadSize"] * WIRE_S_PER_BYTE
+        due_s = max(end_s + READ_OUT_S, self._link_free_s) + self.link.wire_s(registers["PayloadSize"])
         self._exposing_until_s, self._link_free_s = end_s, due_s
         hold = ExitStack()
         hold.enter_context(self._clock.due_by(due_s))
@@ -173,7 +167,7 @@ class Imaging:
             registers["Width"],
             registers["Height"],
         )
-        return _Shot(exposure, ticks(), end_s, due_s, hold, self._session)
+        return _Shot(exposure, self.ticks(), end_s, due_s, hold, self._session)
 
     async def _take_pictures(self) -> None:
         try:
@@ -209,72 +203,26 @@ class Imaging:
         return Picture(data, shot.ticks, *place, pixel_format, has_chunks)
 
     def _render(self, exposure: Exposure) -> Seen:
-        seen = self._picture(exposure)
-        if seen.shape != (exposure.height, exposure.width) or seen.dtype not in (np.uint8, np.uint16):
+        number, size = self.registers["TestPattern"], (exposure.height, exposure.width)
+        seen = pattern(number, size, self.counts.frames) if number else self._picture(exposure)
+        if seen.shape != size or seen.dtype not in (np.uint8, np.uint16):
             raise ValueError(
-                f"the camera was given a picture {seen.shape} {seen.dtype}, "
-                f"and it must be {(exposure.height, exposure.width)} uint8 or uint16"
+                f"the camera was given a picture {seen.shape} {seen.dtype}, and it must be {size} uint8 or uint16"
             )
         seen = seen[:: -1 if self.registers["ReverseY"] else 1, :: -1 if self.registers["ReverseX"] else 1]
         return seen[: len(seen) // 2] if self.faults.take("wrong_size") else seen
 
     # Onto the wire
 
-    def target(self) -> Target | None:
-        """Where packets go, if a client has said so."""
-        port = self.registers["GevSCPHostPort"] & 0xFFFF
-        return (socket.inet_ntoa(gvcp.WORD.pack(self.registers["GevSCDA"])), port) if port else None
-
-    def packet_size(self) -> int:
-        """Bytes in a packet, all headers included."""
-        return self.registers["GevSCPS"] & gvcp.PACKET_SIZE_MASK
-
     async def _send(self, picture: Picture, shot: _Shot) -> None:
         """All packets in a burst that ends when a real link would have delivered the last one."""
         clock = self._clock
-        await clock.sleep_until(max(shot.end_s, shot.due_s - QUICK_S * clock.speed))
-        target = self.target()
-        if target is None or self.faults.on("mute") or shot.session != self._session:
+        spread_s = self.link.wire_s(picture.data.size) if self.faults.link_mbps else 0.0
+        await clock.sleep_until(max(shot.end_s, shot.due_s - max(spread_s, QUICK_S * clock.speed)))
+        target = self.link.target()
+        if target is None or self.faults.silent or shot.session != self._session:
             return
-        self._block = self._block % 0xFFFF + 1
         loop = asyncio.get_running_loop()
-        block, last = await loop.run_in_executor(self._worker, self._burst, self._block, picture, target)
+        block, last = await loop.run_in_executor(self._worker, self.link.burst, picture, target, clock.speed)
         await clock.sleep_until(shot.due_s)
-        block.sendable = block.last
-        if not self.faults.on("mute"):
-            self._sender.at_once(block, last)
-            self.counts.frames += 1
-
-    def _burst(self, number: int, picture: Picture, target: Target) -> tuple[Block, Order]:
-        """In the worker: send leader and payload. Returns the block, and the trailer if the network delivers it."""
-        block = Block(number, picture, self.packet_size(), target)
-        self._sender.keep(block)
-        order = self.faults.on_their_way(block.order())
-        self.counts.packets += block.last + 1
-        trailer = order == block.last
-        delay_s = self.registers["GevSCPD"] / genicam.TICKS_PER_S
-        self._sender.send(block, order[~trailer], target, delay_s)
-        return block, order[trailer]
-
-    def test_packet(self) -> None:
-        """One packet of the size set, to see whether the network takes it."""
-        if target := self.target():
-            self._sender.test_packet(self.packet_size(), target)
-
-    def resend(self, wanted: Resend) -> None:
-        """Send packets again that are still in memory."""
-        target = self.target()
-        if target is None:
-            return
-        block = self._sender.kept(wanted.block)
-        if block is None or self.faults.on("resend_unavailable"):
-            self._sender.datagram(unavailable(wanted.block, wanted.first), target)
-            return
-        order = self.faults.resent(np.arange(wanted.first, min(wanted.last, block.sendable) + 1))
-        self.counts.packets_resent += order.size
-        self._sender.at_once(block, order)
-
-
-def ticks() -> int:
-    """The camera's own clock. It runs in wall time: to the controller, which is not accelerated, it is a good one."""
-    return time.monotonic_ns()
+        self.link.end(block, last)

@@ -32,6 +32,7 @@ USABLE = 0.8  # of what is free in the receiver's buffer
 KEPT_BLOCKS = 4  # pictures that can be asked for again
 LONGEST_STALL_S = 0.05  # a receiver that does not read for so long loses packets, as from a real camera
 SHORTEST_NAP_S = 0.00005
+SPREAD_S = 0.001  # packets that are to be spread over time go in groups of so long
 IP_MTU_DISCOVER, IP_PMTUDISC_DO = 10, 2
 
 Order = NDArray[np.int64]  # packet numbers in the order of sending
@@ -65,6 +66,7 @@ class Block:
         pixels = np.ascontiguousarray(picture.data)
         payloads = -(-pixels.size // chunk)
         self.last = payloads + 1
+        self.resent = 0  # packets so far
         self.sendable = -1  # highest number that was sent: one that was not yet cannot be sent again
         self.packet_size = packet_size
         head, tail = self._ends()
@@ -114,6 +116,11 @@ class Block:
     def messages(self, order: Order) -> NDArray[np.uint64]:
         """The packets with these numbers, as `struct mmsghdr` in this order; valid while the block lives."""
         return self._messages[order]
+
+    def sizes(self, order: Order) -> Order:
+        """Bytes of these packets on the network, with all their headers."""
+        sizes: Order = self._parts[order, 1, 1].astype(np.int64) + PACKET_OVERHEAD
+        return sizes
 
     def order(self) -> Order:
         """All packet numbers."""
@@ -239,7 +246,8 @@ class Sender:
             if not allowed and time.monotonic() < give_up_s:
                 time.sleep(SHORTEST_NAP_S)
                 continue
-            part = messages[done : done + (allowed or len(messages))]
+            most = max(1, int(SPREAD_S / delay_s)) if delay_s else len(messages)
+            part = messages[done : done + min(allowed or len(messages), most)]
             self._transmit(part)
             done += len(part)
             block.sendable = max(block.sendable, int(order[done - 1]))

@@ -104,7 +104,7 @@ class FastCell:
     def stop(self, pose: Pose) -> Place:
         """Where the tool truly comes to stand."""
         x, y, t = (float(error) for error in self._rng.standard_normal(3))
-        at, robot = commanded(pose), self.robot
+        at, robot = Pose(*(round(number, 3) for number in pose)), self.robot  # as an RCX340 is told it
         return Place(at.x_mm + x * robot.sd_mm, at.y_mm + y * robot.sd_mm, at.t_deg + t * robot.sd_deg)
 
     # -- teaching ----------------------------------------------------------------------------------------------

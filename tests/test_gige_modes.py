@@ -236,7 +236,7 @@ async def test_a_lost_picture_of_the_line_is_told_in_its_turn():
 async def test_pictures_that_the_camera_counted_and_never_sent_are_a_gap():
     async with rig() as r, r.open_camera() as camera:
         await camera.grab()
-        r.server._imaging._block += 3
+        r.server._imaging.link.block_number += 3
         frame = await camera.grab()
         assert frame.gap == 3
         assert camera.counters.gaps == 3
@@ -244,7 +244,7 @@ async def test_pictures_that_the_camera_counted_and_never_sent_are_a_gap():
 
 async def test_a_picture_number_that_begins_anew_is_no_gap():
     async with rig() as r, r.open_camera() as camera:
-        r.server._imaging._block = 0xFFFE
+        r.server._imaging.link.block_number = 0xFFFE
         numbers, gaps = [], []
         for _ in range(3):
             frame = await camera.grab()

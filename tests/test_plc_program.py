@@ -79,17 +79,23 @@ def test_an_empty_line_is_a_bring_that_timed_out_after_8_s_and_no_fault() -> Non
 
 
 @pytest.mark.parametrize(
-    ("fault", "begin", "result", "number"),
-    [("blocked", BRING, FAULT, 3), ("blocked", RELEASE_GOOD, FAULT, 3), ("creeps", BRING, TIMED_OUT, 2)],
+    ("fault", "begin", "result", "number", "after_s"),
+    [
+        ("blocked", BRING, FAULT, 3, 0.5),
+        ("blocked", RELEASE_GOOD, FAULT, 3, 0.5),
+        ("creeps", BRING, TIMED_OUT, 2, 1.84),  # it comes within 0.8 s, and the clamp has 1 s
+    ],
 )
 def test_a_belt_that_fails_ends_the_command_and_is_a_fault_until_it_is_reset(
-    fault: Fault, begin: int, result: int, number: int
+    fault: Fault, begin: int, result: int, number: int, after_s: float
 ) -> None:
     bench = live()
     if begin == RELEASE_GOOD:
         bench.command(BRING)
     bench.station.conveyor.inject(fault)
+    began_s = bench.station.now_s
     assert bench.command(begin, 501) == result
+    assert bench.station.now_s - began_s == pytest.approx(after_s, abs=0.05)
     assert (bench[103], bench[114]) == (IN_FAULT, number)
     assert bench.command(BRING) == WRONG_STATE
     bench.station.conveyor.inject(fault, on=False)
@@ -119,7 +125,9 @@ def test_a_carrier_that_does_not_leave_the_beam_is_fault_1(monkeypatch: pytest.M
     bench = live()
     bench.command(BRING)
     monkeypatch.setattr(bench.station.conveyor, "release", lambda: None)
+    began_s = bench.station.now_s
     assert bench.command(RELEASE_GOOD, 501) == TIMED_OUT
+    assert bench.station.now_s - began_s == pytest.approx(4.0, abs=0.05)
     assert (bench[103], bench[114]) == (IN_FAULT, 1)
     assert bench.station.left == []
 

@@ -7,13 +7,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cellctl.vision.features import Appearance, Floats, Limits
+from cellctl.vision.features import Appearance, Floats, Limits, NotFound
 from cellctl.vision.gates import check_seen
 from cellctl.vision.profile import Blocks, appearance, beliefs, better_width, block_offsets
 from cellctl.vision.robust import Bools, Fit, covariance, tukey_fit
 from cellctl.vision.strip import Part, Strip
 
-PASSES, ROUNDS = 3, 12  # at most; a clean outline needs one pass and three rounds of the robust fit
+PASSES, ROUNDS = 8, 12  # at most; a clean outline needs one pass and three rounds of the robust fit
 SETTLED_PX, SETTLED_WIDTH = 0.1, 0.03  # calipers catch better than that: a further pass would change next to nothing
 
 
@@ -52,7 +52,7 @@ class _Seen(NamedTuple):
 def measure(strip: Strip, outlines: Sequence[Outline], limits: Limits) -> list[Measured]:
     """Measure outlines that lie side by side in a strip, each known to some pixels.
 
-    Raises NotFound when too few blocks see one of them.
+    Raises NotFound when too few blocks see one of them, or when one settles nowhere.
     """
     for _ in range(PASSES):
         blocks = block_offsets(strip, [outline.width_px for outline in outlines])
@@ -62,9 +62,11 @@ def measure(strip: Strip, outlines: Sequence[Outline], limits: Limits) -> list[M
         ]
         outlines = [each.outline for each in seen]
         if all(each.settled for each in seen):
-            break
+            return [_measured(strip, *each) for each in zip(strip.parts, seen, strict=True)]
         strip = strip.moved(np.concatenate([each.moves for each in seen]))
-    return [_measured(strip, *each) for each in zip(strip.parts, seen, strict=True)]
+    worst = max(seen, key=lambda each: float(np.abs(each.moves).max()))
+    detail = f"what is seen of it agrees on no place: after {PASSES} passes it still moves by"
+    raise NotFound(worst.outline.name, f"{detail} {np.abs(worst.moves).max():.2f} px")
 
 
 def _fitted(strip: Strip, part: Part, blocks: Blocks, outline: Outline, limits: Limits) -> _Seen:

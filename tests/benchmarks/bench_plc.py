@@ -74,6 +74,7 @@ def serving(start: Callable[[], Awaitable[int]]) -> Iterator[int]:
     ours, theirs = multiprocessing.Pipe()
     process = multiprocessing.get_context("spawn").Process(target=_serve, args=(theirs, start), daemon=True)
     process.start()
+    theirs.close()  # so that a process that ends at once is noticed
     try:
         yield ours.recv()
     finally:

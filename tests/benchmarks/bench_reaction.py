@@ -100,6 +100,7 @@ def other_side(speed: float) -> Iterator[tuple[Connection, int, int]]:
     ours, theirs = multiprocessing.Pipe()
     process = multiprocessing.get_context("spawn").Process(target=serve, args=(theirs, speed))
     process.start()
+    theirs.close()  # so that a process that ends at once is noticed
     try:
         yield (ours, *ours.recv())
         ours.send("end")

@@ -24,7 +24,7 @@ QUESTION = "@?"
 
 
 class Heard(NamedTuple):
-    """One line or control character that came at the robot; the time is CLOCK_MONOTONIC's, which all processes share."""
+    """One line or control character that came at the robot; all processes share this clock, CLOCK_MONOTONIC."""
 
     at_s: float
     text: str

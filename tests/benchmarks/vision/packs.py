@@ -17,7 +17,7 @@ PROCESSES, PACK = 2, 20
 DONE = Path("build/bench-vision")
 SOURCES = (
     "cellctl/vision/*.py",
-    "simulators/*.py",
+    *(f"simulators/{name}.py" for name in ("optics", "parts", "place", "render", "shapes")),
     "tests/vision_*.py",
     "tests/hostile_*.py",
     *(f"tests/benchmarks/vision/{name}.py" for name in ("contest", "errors", "paper", "peers", "regions", "trials")),
