@@ -1,4 +1,4 @@
-"""What a camera's network can lose, line by line: noticed within its bound, by the right error, and never a wrong picture.
+"""What a camera's network can lose: noticed within its bound, by the right error, and never a wrong picture.
 
 Each case is provoked in the simulated GigE Vision camera, and every picture is judged byte by byte by what its sensor
 saw. The bounds are those that the cell counts on: a picture that cannot be completed is known to be lost within half a
@@ -178,7 +178,7 @@ async def test_control_that_another_program_took_is_link_lost_at_once_and_openin
         r.server.inject("other_controller")
         r.server.registers["GevHeartbeatTimeout"] = 500
         assert await took_s(camera.grab(), LinkLost) < LOST_WITHIN_S
-        with pytest.raises(Refused, match="another program controls it|earlier connection"):
+        with pytest.raises(Refused, match=r"another program controls it|earlier connection"):
             await camera.open()
         r.server.inject("release_control")
         await camera.open()
