@@ -25,6 +25,7 @@ from drivers.plc_tags import Packet, Seen
 
 ANSWER_SHARE = 0.8  # an answer is waited for so long, in parts of the age at which a picture is stale
 FIRST_BACK_OFF_S, LONGEST_BACK_OFF_S = 0.1, 2.0
+STEADY_S = 1.0  # a connection that has worked for so long is tried anew once before its failure is told
 LONGEST_SCAN_S = 0.1  # the PLC takes a heartbeat that stands still for 500 ms as our end
 PACKETS_KEPT = 400  # the last two seconds of a 10 ms scan
 
@@ -54,6 +55,7 @@ class PlcScan:
         self._written = Ages(WRITE_COUNT)
         self._packets: deque[tuple[float, bool, bytes]] = deque(maxlen=PACKETS_KEPT)
         self._cycle: PlcCycle | None = None
+        self._losing: asyncio.TimerHandle | None = None
         self._heartbeat = 0
         self._begun = self._carried = 0  # exchanges
         self._waiters: list[tuple[Condition, asyncio.Future[None]]] = []
@@ -156,8 +158,14 @@ class PlcScan:
         back_off_s = FIRST_BACK_OFF_S
         try:
             while True:
-                carried = self._carried
-                await self._connection()
+                carried, since_s = self._carried, time.monotonic()
+                try:
+                    await self._connection()
+                except DeviceError as error:
+                    if self._carried > carried and time.monotonic() - since_s > STEADY_S:
+                        self._lose_when_stale(error)
+                        continue
+                    self._lose(error)
                 worked = self._carried > carried
                 back_off_s = FIRST_BACK_OFF_S if worked else min(2 * back_off_s, LONGEST_BACK_OFF_S)
                 await asyncio.sleep(back_off_s)
@@ -165,7 +173,7 @@ class PlcScan:
             self._lose(LinkLost(DEVICE, "the scan has ended; start run() again"))
 
     async def _connection(self) -> None:
-        """One connection, until it fails."""
+        """One connection; raises what ended it."""
         answer_within_s = ANSWER_SHARE * self._stale_after_s
         port = PlcPort(
             DEVICE, self._address, within_s=answer_within_s, transaction=self._transaction, wire_log=self._note
@@ -175,8 +183,6 @@ class PlcScan:
             await self._reconcile(port)
             self._cycle = PlcCycle(port, self._period_s, self._words, self._exchanged)
             await self._cycle.run()
-        except DeviceError as error:
-            self._lose(error)
         finally:
             self._cycle, self._transaction = None, port.transaction
             port.close()
@@ -187,10 +193,13 @@ class PlcScan:
         asked_at_s = time.monotonic()
         image, before = read_picture(await port.picture()), self._picture.image
         if image.boot != self.boot:
+            if self.boot is not None:
+                self._lose(self._restarted(image))
             self._adopt(own, image)
         elif before is not None:
             self._orders.resume(before.accepted, image)
         self._presses.drop(image)
+        self._found()
         self._picture.anew(image, asked_at_s)
         self._written.take(own, asked_at_s)
         self._orders.settle(image, self._picture.ours(image))
@@ -199,8 +208,7 @@ class PlcScan:
         """First contact, or the PLC restarted: its counters are the truth."""
         if self.boot is None:  # an earlier cellctl may have left a battery at the cup: the vacuum must not drop
             self.outputs |= Output(own[6]) & Output.VACUUM
-        why = f"PLC restarted (boot counter in register 117 went from {self.boot} to {image.boot})"
-        self._orders.restart(image.accepted, why)
+        self._orders.restart(image.accepted, self._restarted(image).detail)
         self.boot = image.boot
         self.taken = own[7] if (image.arrival_seq - own[7]) & 0xFFFF <= 1 else image.arrival_seq
 
@@ -234,7 +242,7 @@ class PlcScan:
     def _exchanged(self, words: Sequence[int], begun_at_s: float) -> None:
         image = read_picture(words)
         if image.boot != self.boot:
-            raise LinkLost(DEVICE, f"PLC restarted (boot counter {self.boot} -> {image.boot}, register 117)")
+            raise self._restarted(image)
         self._picture.take(image, begun_at_s)
         ours = self._picture.ours(image)
         if not ours:
@@ -243,7 +251,24 @@ class PlcScan:
         self._carried = self._begun
         self._announce()
 
+    def _restarted(self, image: PlcImage) -> LinkLost:
+        text = f"PLC restarted (boot counter in register 117 went from {self.boot} to {image.boot})"
+        return LinkLost(DEVICE, text)
+
+    def _lose_when_stale(self, error: DeviceError) -> None:
+        """One lost or broken answer is nobody's business if the next connection shows the PLC in time."""
+        self._losing = asyncio.get_running_loop().call_later(
+            max(0.0, self._stale_after_s - self._picture.age_s), self._lose, error
+        )
+
+    def _found(self) -> None:
+        """The PLC is seen again, or is given up: what was to be told when its picture is stale is settled."""
+        if self._losing is not None:
+            self._losing.cancel()
+            self._losing = None
+
     def _lose(self, error: DeviceError) -> None:
+        self._found()
         self._picture.down = error
         self._announce()
 

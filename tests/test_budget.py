@@ -65,11 +65,12 @@ def test_uniform_sizes_are_placed_well_by_both_corners_and_stopped_by_one() -> N
 
 
 def test_it_is_known_before_any_unit_is_seen_who_is_looked_at_twice() -> None:
-    assert exact_cell(1).budgets["when_needed"].needs == Needs(False, False)
-    assert exact_cell(1).budgets["always"].needs == Needs(True, True)
-    wavy = exact_cell(1, stated(battery_form_um=1.0)).budgets["when_needed"]
+    assert exact_cell(1, stated(aim_mm=None)).budgets["when_needed"].needs == Needs(False, False)
+    assert exact_cell(1, stated(aim_mm=0.025)).budgets["when_needed"].needs == Needs(False, True)
+    assert exact_cell(1, stated(aim_mm=None)).budgets["always"].needs == Needs(True, True)
+    wavy = exact_cell(1, stated(aim_mm=None, battery_form_um=1.0)).budgets["when_needed"]
     assert wavy.needs == Needs(False, True)
-    wavier = exact_cell(1, stated(battery_form_um=1.0, base_form_um=2.0)).budgets["when_needed"]
+    wavier = exact_cell(1, stated(aim_mm=None, battery_form_um=1.0, base_form_um=2.0)).budgets["when_needed"]
     assert wavier.needs == Needs(True, True)
     assert wavier.planned(wavier.needs).p99_mm < wavier.planned(Needs(False, True)).p99_mm
 

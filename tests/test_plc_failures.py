@@ -17,6 +17,7 @@ import pytest
 from cellctl.faults import sentence
 from drivers.errors import DeviceError, Garbled, LinkLost, Mismatch, NoAnswer, Refused
 from drivers.plc import Plc
+from drivers.plc_scan import STEADY_S
 from simulators.plc import PlcServer
 from simulators.product import load_product
 from simulators.world import World
@@ -85,7 +86,7 @@ async def is_seen(failure: Failure) -> None:
     async with wired() as c:
         await c.plc.vacuum(True, within_s=1)
         watch = asyncio.create_task(c.plc.unsafe())
-        await asyncio.sleep(0.05)
+        await asyncio.sleep(STEADY_S + 0.1)  # a link that has just come up gets no second try
 
         failure.provoke(c)
         after_s, error = await c.trouble_within(5)
@@ -100,6 +101,31 @@ async def is_seen(failure: Failure) -> None:
         assert c.commands_executed() == []
         assert c.world.belt_starts == 0
         assert c.world.valve_changes == [True]  # what hangs on the cup must not fall
+
+
+ONCE: dict[str, Provoke] = {
+    "P1 reset once": lambda c: c.proxy.reset(),
+    "P4 noise once": down(noise=1, count=1),
+    "P4 the answer before, once": down(stale=1, count=1),
+    "P12 one answer lost": down(lose=1, count=1),
+}
+
+
+async def test_one_lost_or_broken_answer_is_tried_again_before_anybody_hears_of_it() -> None:
+    await together((name, is_bridged(provoke)) for name, provoke in ONCE.items())
+
+
+async def is_bridged(provoke: Provoke) -> None:
+    async with wired() as c:
+        watch = asyncio.create_task(c.plc.unsafe())
+        await asyncio.sleep(STEADY_S + 0.1)
+        before = c.proxy.counts["connections"]
+        provoke(c)
+        await asyncio.sleep(2 * STALE_S)
+        assert c.proxy.counts["connections"] == before + 1
+        assert not watch.done() or c.late_s > STALE_S - 0.2
+        watch.cancel()
+        await asyncio.wait([watch])
 
 
 # -- P1, P2: the link is down --------------------------------------------------------------------------------------
