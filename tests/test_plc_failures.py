@@ -52,8 +52,6 @@ def inject(fault: str, **params: object) -> Provoke:
 
 
 FAILURES = [
-    Failure("P1 reset", lambda c: c.proxy.reset(), LINK_S, (LinkLost,), "D1"),
-    Failure("P1 hung up", lambda c: c.proxy.hang_up(), LINK_S, (LinkLost,), "D1"),
     Failure("P1 nobody listens", gone, LINK_S, (LinkLost,), "D1"),
     Failure("P1 cable out", lambda c: c.proxy.unplug(), LINK_S, (NoAnswer,), "D2"),
     Failure("P1 requests vanish", lambda c: setattr(c.proxy, "up", Trouble(lose=1)), LINK_S, (NoAnswer,), "D2"),
@@ -61,7 +59,7 @@ FAILURES = [
     Failure("P2 requests stall", lambda c: c.proxy.stall("up"), STALE_S, (NoAnswer,), "D2"),
     Failure("P2 answers late", down(delay_s=0.4), STALE_S, (NoAnswer,), "D2"),
     Failure("P2 answers crawl", down(split_bytes=1, split_gap_s=0.01), STALE_S, (NoAnswer,), "D2"),
-    Failure("P3 the answer before", down(stale=1), STALE_S, (Garbled,), "D3"),
+    Failure("P3 the answer before", down(stale=1), STALE_S, (Garbled, NoAnswer), "D"),
     Failure("P3 answers twice", down(duplicate=1), STALE_S, (Garbled,), "D3"),
     Failure("P3 answers change places", down(late=0.5, late_s=0.3), STALE_S, (NoAnswer, Garbled), "D"),
     Failure("P4 noise", down(noise=1), STALE_S, (Garbled,), "D3"),
@@ -105,6 +103,7 @@ async def is_seen(failure: Failure) -> None:
 
 ONCE: dict[str, Provoke] = {
     "P1 reset once": lambda c: c.proxy.reset(),
+    "P1 hung up once": lambda c: c.proxy.hang_up(),
     "P4 noise once": down(noise=1, count=1),
     "P4 the answer before, once": down(stale=1, count=1),
     "P12 one answer lost": down(lose=1, count=1),
