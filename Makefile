@@ -4,7 +4,7 @@ VENV := .venv
 PEERS := build/peers-venv
 STAMP := $(VENV)/.installed
 PACKAGES := libaravis-0.8-0
-TEST_PACKAGES := $(PACKAGES) aravis-tools-cli fuse3 libmodbus5 mbpoll
+TEST_PACKAGES := $(PACKAGES) aravis-tools aravis-tools-cli fuse3 libmodbus5 mbpoll
 BENCH_PACKAGES := gcc libc6-dev libmodbus-dev
 VM_PACKAGES := qemu-system-x86 busybox-static v4l-utils
 COMPILE := --quiet --universal --python-version 3.11 --generate-hashes --no-annotate --no-header
@@ -27,6 +27,9 @@ help:
 	@echo "make bench-plc-program  10,000 commands to the PLC program over a bad wire, each executed once; time of a scan"
 	@echo "make fuzz-robot    a million broken inputs at both simulated robot controllers, and at all that the driver reads"
 	@echo "make fuzz-modbus   a million broken frames at the Modbus parser of each side"
+	@echo "make bench-camera  trigger to numpy for both kinds of camera beside the wire time, viva-genicam and OpenCV; two at once"
+	@echo "make soak-camera   10,000 triggers over a network that loses 0.5 % of the packets: every picture exact and the right one"
+	@echo "make fuzz-camera   a million broken datagrams at the simulated camera and at the driver, and a broken picture stream"
 	@echo "make node-peer     one more foreign Modbus client and server for the tests (needs npm)"
 	@echo "make format        format the code"
 	@echo "make lock          renew deploy/requirements.lock and tests/requirements.lock from pyproject.toml"
@@ -94,6 +97,17 @@ fuzz-robot: $(STAMP)
 
 fuzz-modbus: $(STAMP)
 	$(VENV)/bin/python -m tests.benchmarks.fuzz_modbus
+
+bench-camera: $(STAMP) packages
+	$(VENV)/bin/python -m tests.benchmarks.bench_camera
+
+soak-camera: $(STAMP) packages
+	$(VENV)/bin/python -m tests.benchmarks.soak_camera
+
+fuzz-camera: $(STAMP) packages
+	$(VENV)/bin/python -m tests.benchmarks.fuzz_camera
+
+.PHONY: bench-camera soak-camera fuzz-camera
 
 node-peer: build/node/.installed
 

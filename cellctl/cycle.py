@@ -25,6 +25,7 @@ from cellctl.assembly.unit import Job, Unit
 from cellctl.faults import (
     BaseNotFound,
     BatteryLost,
+    CarrierMoved,
     NoParts,
     OffsetTooLarge,
     PlacementUncertain,
@@ -164,6 +165,7 @@ async def place_battery(job: Job, unit: Unit, base: Located, battery: asyncio.Ta
     async with written(job.journal.step(unit.id, 6, "place battery", "intent", {"at": list(unit.placed_at)})):
         await hand.arrive(unit.placed_at)
     hand.expect_vacuum(True, 4, BatteryLost, "before placing")
+    expect_carrier_at_rest(job)
     await hand.put(unit.placed_at, job.recipe.place.seat_z_mm)
     hand.expect_vacuum(False, 5, VacuumStuck, "after placing")
     await job.journal.step(unit.id, 6, "place battery", "done")
@@ -184,6 +186,13 @@ async def sure_enough(job: Job, unit: Unit, base: Located, first: asyncio.Task[L
     if not unit.prediction.good:
         raise PlacementUncertain(unit.prediction.sentence)
     return battery.pose
+
+
+def expect_carrier_at_rest(job: Job) -> None:
+    """The base still lies where camera 1 saw it: asked right before the battery goes down."""
+    image = job.hand.devices.plc.image
+    if image.conveyor_moving or not image.carrier_clamped:
+        raise CarrierMoved("the conveyor moves" if image.conveyor_moving else "the carrier is not clamped")
 
 
 # -- beside the motion -------------------------------------------------------------------------------------

@@ -81,6 +81,10 @@ class BatteryLost(CellError):
     """The battery left the cup before it was placed."""
 
 
+class CarrierMoved(CellError):
+    """The carrier is not where camera 1 saw its base: unclamped, or on a belt that moves."""
+
+
 class VacuumStuck(CellError):
     """The vacuum switch reports a part where there can be none, or the part does not let go."""
 
@@ -137,7 +141,7 @@ FAULTS: dict[type[Exception], Fault] = {
     ),
     Unavailable: Fault("D7", Reaction.ABORT, "Install the named package, then restart the service."),
     SafetyLost: Fault(
-        "S1", Reaction.ABORT, "Make the cell safe, release the emergency stop, close the guard, then Clear and Reset."
+        "S1", Reaction.ABORT, "Release the emergency stop, close the guard, mend what is named, then Clear and Reset."
     ),
     NotReady: Fault("S2", Reaction.ABORT, "Bring the device into the state that is named, then Clear and Reset."),
     NotCalibrated: Fault("C1", Reaction.HOLD, "Stop and Reset, then calibrate the cameras and teach the recipe."),
@@ -154,6 +158,9 @@ FAULTS: dict[type[Exception], Fault] = {
     PlacementUncertain: Fault("V4", Reaction.REJECT, "Check lens, light and calibration if it happens again."),
     GapNotSeen: Fault("V5", Reaction.REJECT, "Look whether the battery lies in its seat; clean camera 1's lens."),
     GapOutside: Fault("V6", Reaction.REJECT, "Take the unit apart. If it happens again, see `cellctl drift`."),
+    CarrierMoved: Fault(
+        "P6", Reaction.HOLD, "Look at belt and clamp, take the battery off the cup and the base out, then Unhold."
+    ),
     UnitTooSlow: Fault("P5", Reaction.HOLD, "Look what held it up, take its battery out of the cell, then Unhold."),
     FormulasDisagree: Fault("X2", Reaction.ABORT, "Software error. Keep the log; do not go on with this version."),
     RecordLost: Fault("R1", Reaction.ABORT, "Make room on the disk or replace it, then restart the service."),

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from drivers.aravis_library import NOT_FOUND, AravisError, Library, library
 
+IMAGE = 1  # payload type
 STATUS = {
     0: "success",
     1: "cleared",
@@ -33,7 +34,7 @@ Value = int | bool | str
 
 
 class Arrived(NamedTuple):
-    """A buffer that the library has done with. Width, height and format are 0 when the status is not "success"."""
+    """A buffer that the library has done with. Width, height and format are 0 when it holds no whole picture."""
 
     memory: Memory
     received_bytes: int
@@ -232,8 +233,9 @@ class Stream:
         address = self._lib.buffer_data(buffer, byref(received))
         status = STATUS.get(self._lib.buffer_status(buffer), "unknown")
         image = (0, 0, 0)
-        if status == "success":
-            lib = self._lib
+        lib = self._lib
+        # What is no picture, or says so by a damaged leader, must not be asked for a picture's size.
+        if status == "success" and lib.buffer_kind(buffer) == IMAGE and lib.buffer_parts(buffer):
             image = (lib.buffer_width(buffer), lib.buffer_height(buffer), lib.buffer_format(buffer))
         # The library counts what was received without regard to the buffer's size: the caller must compare.
         memory = self._lent.pop(address)
@@ -250,7 +252,7 @@ class Stream:
 
     def _exposure(self, buffer: int) -> tuple[float, float] | None:
         """What the picture's chunks say. The library walks through them, so the buffer must hold all of them."""
-        if self._chunk_parser is None:
+        if self._chunk_parser is None or not self._lib.buffer_has_chunks(buffer):
             return None
         try:
             exposure_us, gain_db = (self._lib.chunk_real(self._chunk_parser, buffer, name) for name in CHUNKS)

@@ -88,6 +88,7 @@ class Health(NamedTuple):
     temperature_c: float | None = None
     packet_bytes: int | None = None
     last_picture_s: float | None = None  # age of the newest picture that came whole
+    has_clock: bool | None = None  # False: pictures are told apart by their order alone
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,7 +104,7 @@ class Frame:
     gap: int  # pictures that the camera counted just before this one and that never came
     exposure_start_ns: int  # not before the trigger of this very picture
     received_ns: int
-    device_ns: int  # the camera's own clock
+    device_ns: int  # the camera's own clock; 0: it has none, the start is reckoned back from the arrival
     exposure_us: float  # as the camera read it back
     gain_db: float
     camera_id: str  # serial number

@@ -186,18 +186,18 @@ class GigeCamera:
 
     async def health(self) -> Health:
         """How it is; one that does not answer is an answer too."""
-        temperature_c, packet_bytes, age_s, answers = None, None, None, False
+        temperature_c, packet_bytes, age_s, answers, has_clock = None, None, None, False, None
         try:
             async with asyncio.timeout(CONTROL_WITHIN_S), self._turn:
                 connection = self._open_connection()
-                packet_bytes = connection.packet_size or None
+                packet_bytes, has_clock = connection.packet_size or None, connection.has_clock
                 temperature_c = await connection.temperature_c()
                 answers = True
                 newest_ns = connection.inbox.newest_ns if connection.inbox else 0
                 age_s = (time.monotonic_ns() - newest_ns) / 1e9 if newest_ns else None
         except (TimeoutError, AravisError, DeviceError):
             pass  # what is wrong will be said by the verb that needs the camera
-        return Health(self.state.state, self.state.why, answers, temperature_c, packet_bytes, age_s)
+        return Health(self.state.state, self.state.why, answers, temperature_c, packet_bytes, age_s, has_clock)
 
     async def close(self) -> None:
         """Let the camera go; returns after 2 s at the latest, what is left then ends in the background."""

@@ -7,9 +7,9 @@ from collections.abc import Callable
 from contextlib import suppress
 
 from drivers.aravis import Device
-from drivers.aravis_library import AravisError
+from drivers.aravis_library import NO_LINK, AravisError
 from drivers.camera import Counters, Frame, Trigger
-from drivers.errors import LinkLost, Mismatch, Refused
+from drivers.errors import LinkLost, Refused
 from drivers.gige_inbox import Inbox, Reading, Shot
 from drivers.gige_receiver import Received, Receiver
 from drivers.gige_setup import Payload, Wanted, check_serial, set_format, set_packet_delay, set_trigger, take_control
@@ -28,6 +28,7 @@ class Connection:
     def __init__(self, wanted: Wanted, on_lost: Callable[[str], None]) -> None:
         self.lost = ""  # why it is of no use any more
         self.is_open = False
+        self.has_clock = True
         self.packet_size = 0
         self.exposure = (0.0, 0.0)  # us and dB, as read back
         self.inbox: Inbox | None = None  # while armed
@@ -42,6 +43,7 @@ class Connection:
         self._payload = Payload(0, False)
         self._ready_s = 0.0  # loop time from which on a trigger is sure to be taken
         self._before = Counters()  # of earlier armings
+        self._doubtful = False  # a picture of an earlier trigger may still come, and nothing tells it apart
 
     @property
     def counters(self) -> Counters:
@@ -69,16 +71,21 @@ class Connection:
         self._payload = set_format(device, wanted)
         set_packet_delay(device, wanted)
         self._tick_rate = device.tick_rate()
-        self._check_clock_now(device)
+        self.has_clock = self._clock_runs_now(device)
         self.exposure = device.set_exposure(*wanted.exposure) if wanted.exposure else device.exposure()
 
-    def _check_clock_now(self, device: Device) -> None:
-        """It can be read, and it runs."""
-        before = device.ticks() if self._tick_rate else 0
-        self._stop.wait(CLOCK_RUNS_S)
-        if not self._tick_rate or device.ticks() == before:
-            detail = "the camera has no clock that can be read and runs, so stale pictures would pass"
-            raise Mismatch(self._wanted.name, detail)
+    def _clock_runs_now(self, device: Device) -> bool:
+        """Can it be read, and does it go on?"""
+        if not self._tick_rate:
+            return False
+        try:
+            before = device.ticks()
+            self._stop.wait(CLOCK_RUNS_S)
+            return device.ticks() != before
+        except AravisError as error:
+            if error.code in NO_LINK:
+                raise
+            return False
 
     def close(self) -> "asyncio.Future[None]":
         """Let the camera go, in the background; the future tells when that is done."""
@@ -114,6 +121,7 @@ class Connection:
         """Take pictures by this trigger."""
         await self.disarm()
         await self._worker.call(lambda: self._arm_now(trigger))
+        self._doubtful = False
 
     async def disarm(self) -> None:
         """Take no more pictures; whoever waits for one is told."""
@@ -129,7 +137,7 @@ class Connection:
         stream = device.stream(self._wanted.socket_buffer_bytes, with_chunks=self._payload.with_chunks)
         self.packet_size = device.packet_size()
         self._receiver = Receiver(device, self._wanted.setup, self._payload, stream, (self._came, self._went))
-        inbox = Inbox(self._wanted.name, self._wanted.setup, trigger, self._read_clock_now())
+        inbox = Inbox(self._wanted.name, self._wanted.setup, trigger, self._read_clock_now(), has_clock=self.has_clock)
         inbox.exposure = self.exposure
         self.inbox = inbox
         device.start()
@@ -165,7 +173,9 @@ class Connection:
         By the line and in free run, pictures exposed before that are not delivered any more.
         """
         clock = await self._worker.call(lambda: self._configure_now(exposure_us, gain_db))
-        if self.inbox is not None:
+        if self.inbox is not None and not self.has_clock:
+            await self.arm(self.inbox.trigger)
+        elif self.inbox is not None:
             self.inbox.exposure = self.exposure
             self.inbox.begin_anew(clock)
         return self.exposure
@@ -182,6 +192,9 @@ class Connection:
     async def grab(self, exposed: asyncio.Event | None) -> Frame:
         """Trigger, tell when the exposure is over, and wait for that trigger's picture."""
         inbox = self._armed_for(Trigger.SOFTWARE)
+        if self._doubtful:
+            await self.arm(Trigger.SOFTWARE)
+            inbox = self._armed_for(Trigger.SOFTWARE)
         await asyncio.sleep(max(0.0, self._ready_s - self._loop.time()))
         inbox.shot = shot = Shot(self._loop.create_future())
         try:
@@ -190,6 +203,7 @@ class Connection:
                 self._loop.call_later(self.exposure[0] / 1e6 + EXPOSED_MARGIN_S, exposed.set)
             return await shot.picture
         finally:
+            self._doubtful = not (self.has_clock or shot.has_picture)
             exposing_s = 0.0 if shot.has_picture else self.exposure[0] / 1e6 + SETTLE_S
             self._ready_s = self._loop.time() + exposing_s
             shot.picture.cancel()
@@ -224,7 +238,11 @@ class Connection:
         shot.acknowledged = True
 
     def _read_clock_now(self) -> Reading:
+        """Of a camera without a clock: the host's time twice; it is asked something all the same."""
         device = self._opened()
+        if not self.has_clock:
+            device.packet_size()
+            return Reading(time.monotonic_ns(), time.monotonic_ns())
         asked_ns = time.monotonic_ns()
         ticks = device.ticks()
         return Reading((asked_ns + time.monotonic_ns()) // 2, ticks * 1_000_000_000 // self._tick_rate)

@@ -1,6 +1,7 @@
 """What a GigE Vision camera tells of itself. It is only read, so another program may go on controlling it."""
 
 import asyncio
+import time
 from collections.abc import Callable
 from contextlib import suppress
 
@@ -10,6 +11,7 @@ from drivers.errors import LinkLost, NoAnswer, Unavailable
 from drivers.worker import Worker
 
 WITHIN_S = 8.0
+CLOCK_RUNS_S = 0.005
 Fact = str | int | float | bool | list[str]
 READ: tuple[tuple[str, str, Callable[[Device, str], Fact]], ...] = (
     ("vendor", "DeviceVendorName", Device.text),
@@ -59,6 +61,8 @@ def _facts(address: str) -> dict[str, Fact]:
     device = Device(address)
     try:
         told: dict[str, Fact] = {"address": address, "serial": device.serial(), "free": device.is_controller}
+        if device.is_controller:
+            told["clock"] = _clock(device)
         for key, feature, read in READ:
             if device.has(feature):
                 with suppress(AravisError):  # it says that it has it, and does not give it: nothing is known then
@@ -66,3 +70,13 @@ def _facts(address: str) -> dict[str, Fact]:
         return told
     finally:
         device.close()
+
+
+def _clock(device: Device) -> str:
+    """Only its controller may have it latched."""
+    try:
+        before = device.ticks()
+        time.sleep(CLOCK_RUNS_S)
+        return "runs" if device.ticks() != before else "none"
+    except AravisError:
+        return "none"

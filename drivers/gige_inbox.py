@@ -3,6 +3,9 @@
 Before each trigger the camera's clock is latched and read. A picture whose exposure began before that reading belongs
 to an earlier trigger, whatever its number says; it is counted and dropped. By the line and in free run the reading
 that counts is that of arming.
+
+A camera without a clock is armed anew, with a new stream, after every trigger whose picture did not come and after
+every change, so nothing of before can come. Its pictures' numbers must go up, and what it dates is not looked at.
 """
 
 import asyncio
@@ -20,6 +23,7 @@ FRESH_NS = 500_000_000  # a picture of free run that waited longer is none of no
 BLOCKS = 0xFFFF  # picture numbers go from 1 to this and begin anew
 AHEAD_NS = 1_000_000_000  # no picture is exposed so long after it came
 NEAR_THE_END = BLOCKS - 1000
+GIGABIT_BPS = 1e9
 
 
 class Reading(NamedTuple):
@@ -49,15 +53,18 @@ class Shot:
 
 
 class Inbox:
-    """The pictures of one arming. `clock` maps the camera's time to the host's, and may be read anew."""
+    """The pictures of one arming. `clock` maps the camera's time to the host's, and may be read anew.
 
-    def __init__(self, name: str, setup: Setup, trigger: Trigger, clock: Reading) -> None:
+    Without `has_clock` it is the host's time twice.
+    """
+
+    def __init__(self, name: str, setup: Setup, trigger: Trigger, clock: Reading, *, has_clock: bool = True) -> None:
         self.trigger = trigger
         self.counters = Counters()
         self.exposure = (0.0, 0.0)  # us and dB as read back, for pictures that do not bring their own
         self.shot: Shot | None = None
         self.newest_ns = 0  # host time when the newest whole picture came
-        self._name, self._setup = name, setup
+        self._name, self._setup, self._has_clock = name, setup, has_clock
         self._armed = self.clock = clock
         self._waiting: deque[Frame | FrameLost] = deque()
         self._changed = asyncio.Event()
@@ -80,6 +87,9 @@ class Inbox:
     def take(self, received: Received) -> None:
         """Sort in what came."""
         repeated = received.frame_id == self._last_id
+        if not self._has_clock:
+            received = received._replace(device_ns=received.received_ns)
+            repeated = repeated or self._goes_back(received.frame_id)
         gap = self._count_gap(received.frame_id)
         self._last_id = received.frame_id
         if self.trigger is Trigger.SOFTWARE:
@@ -150,6 +160,10 @@ class Inbox:
             self.counters += Counters(overrun=1)
         self._changed.set()
 
+    def _goes_back(self, frame_id: int) -> bool:
+        """Its number is lower than the last, and numbers have not begun anew."""
+        return self._last_id is not None and frame_id < self._last_id <= NEAR_THE_END
+
     def _count_gap(self, frame_id: int) -> int:
         """How many numbers are missing before this one. One that does not go up says nothing."""
         if self._last_id is None:
@@ -164,15 +178,17 @@ class Inbox:
     def _frame(self, received: Received, clock: Reading, gap: int, *, not_before_ns: int) -> Frame:
         assert received.pixels is not None
         self.newest_ns = received.received_ns
-        began_ns = clock.host_of(received.device_ns)
         exposure_us, gain_db = received.exposure or self.exposure
+        began_ns = clock.host_of(received.device_ns)
+        if not self._has_clock:  # reckoned back: it was exposed, and came through a gigabit link
+            began_ns -= round(exposure_us * 1e3 + received.payload.nbytes * 8e9 / GIGABIT_BPS)
         return Frame(
             pixels=received.pixels,
             frame_id=received.frame_id,
             gap=gap,
             exposure_start_ns=min(max(began_ns, not_before_ns), received.received_ns),
             received_ns=received.received_ns,
-            device_ns=received.device_ns,
+            device_ns=received.device_ns if self._has_clock else 0,
             exposure_us=exposure_us,
             gain_db=gain_db,
             camera_id=self._setup.serial,

@@ -50,6 +50,13 @@ class Command(IntEnum):
         return self.name.lower().replace("_", " ")
 
 
+FAULT_NAMES = {
+    0: "none",
+    1: "the carrier did not leave the light beam",
+    2: "the carrier was not clamped on a standing belt",
+    3: "the motor is on and the belt does not turn",
+    4: "the motor is off and the belt turns",
+}
 RESULT_NAMES = {0: "ok", 1: "wrong state", 2: "unknown", 3: "timed out", 4: "fault", 5: "not your session"}
 
 
@@ -193,8 +200,8 @@ def why_unsafe(image: PlcImage) -> str:
     if image.lost:
         names = ", ".join(name for bit, name in SAFETY_NAMES.items() if bit & image.lost)
         return f"{names} was lost for a moment (register 106 is {int(image.lost):#06x}); find out why and reset"
-    if image.state in (PlcState.FAULT, PlcState.EMERGENCY_STOP):
-        return (
-            f"PLC is in {image.state.words} (register 103 is {int(image.state)}, fault number in 114 is {image.fault})"
-        )
+    if image.state is PlcState.FAULT:
+        return f"PLC is in fault {image.fault}: {FAULT_NAMES.get(image.fault, 'see the PLC program')} (register 114)"
+    if image.state is PlcState.EMERGENCY_STOP:
+        return f"PLC is in {image.state.words} (register 103)"
     return ""

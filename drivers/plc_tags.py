@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from drivers.modbus_frames import HEADER_SIZE, said
 from drivers.plc_ages import Ages
-from drivers.plc_registers import READ_ADDRESS, RESULT_NAMES, WRITE_ADDRESS, Command, PlcState
+from drivers.plc_registers import FAULT_NAMES, READ_ADDRESS, RESULT_NAMES, WRITE_ADDRESS, Command, PlcState
 
 Shown = int | float | str | dict[str, bool]
 OUTPUT_BITS = ("vacuum", "blow-off", "light camera 1", "light camera 2", "red", "amber", "green", "buzzer")
@@ -96,7 +96,7 @@ PLC_TAGS = (
     Tag(110, "arrival sequence"),
     Tag(111, "time since that arrival", _long, "ms"),
     Tag(113, "carrier id"),
-    Tag(114, "fault number"),
+    Tag(114, "fault number", _choice(FAULT_NAMES)),
     Tag(115, "vacuum", _signed_tenths, "kPa"),
     Tag(116, "PLC cycle time", _tenths, "ms"),
     Tag(117, "boot counter"),

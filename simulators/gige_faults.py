@@ -38,6 +38,7 @@ class Faults:
     | other_controller | | another program takes control and keeps it |
     | release_control | | whoever has control loses it |
     | reboot | for_s=1.0 | silent for so long (wall time), then as after power-on; its clock begins anew |
+    | clock_stands | on=True | reading the camera's clock gives the same time for ever |
     | mute | on=True | cable out: nothing is answered or sent |
     | clear | | all of the above end, but for who has control |
     """
@@ -58,7 +59,7 @@ class Faults:
             "clear": self._clear,
             **(of_device or {}),
         }
-        self._switches = ("resend_unavailable", "reorder", "stuck_exposure", "refuse_control", "mute")
+        self._switches = ("resend_unavailable", "reorder", "stuck_exposure", "clock_stands", "refuse_control", "mute")
         self._counted = ("lost_acks", "ignore_trigger", "wrong_size")
         self._clear()
 

@@ -102,6 +102,8 @@ class Imaging:
 
     def latch(self) -> None:
         """Keep the time of now for the controller to read."""
+        if self.faults.on("clock_stands"):
+            return
         self.registers["GevTimestampHigh"], self.registers["GevTimestampLow"] = divmod(self.ticks(), 1 << 32)
 
     # Exposure, in world time

@@ -108,7 +108,7 @@ def decode(datagram: bytes) -> Request | None:
 def answer(request: Request, status: Status, body: bytes = b"") -> bytes:
     """The acknowledgement of a request; a refusal has no body."""
     body = b"" if status else body
-    return ACK_HEADER.pack(status, request.command + 1, len(body), request.number) + body
+    return ACK_HEADER.pack(status, request.command + 1 & 0xFFFF, len(body), request.number) + body
 
 
 def wait_for(request: Request, time_ms: int) -> bytes:

@@ -1,12 +1,9 @@
 """The simulated GigE Vision camera, judged by its datagrams and by other people's clients."""
 
 import asyncio
-import os
 import random
-import shutil
 import socket
 import struct
-import subprocess
 import time
 import xml.etree.ElementTree as ET
 import zipfile
@@ -25,7 +22,6 @@ from simulators.gige_registers import Identity, Registers
 from simulators.gvcp import Request
 from simulators.gvsp import Block, Picture, ReceiverBuffer, Sender
 from tests.gige_client import AT, DENIED, OK, PENDING, SENSOR, Client, another, fresh_ip, gradient, served
-from tests.peers.programs import missing
 
 
 async def test_discovery_tells_who_the_camera_is():
@@ -434,32 +430,6 @@ def test_a_receiver_that_does_not_read_holds_the_sender_up_only_so_long():
         sender.send(block, block.order(), target)
         assert time.monotonic() - began_s < 0.5
     sender.close()
-
-
-async def run_tool(ip: str, *arguments: str) -> str:
-    tool = shutil.which("arv-tool-0.8")
-    if tool is None:
-        missing("arv-tool-0.8", "aravis-tools-cli")
-    process = await asyncio.create_subprocess_exec(
-        tool, *arguments, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, env={**os.environ, "LC_ALL": "C"}
-    )
-    async with asyncio.timeout(10):
-        output, _ = await process.communicate()
-    return output.decode()
-
-
-async def test_arv_tool_finds_the_camera_and_reads_its_features():
-    async with served(name="left") as (server, _client):
-        assert f"({server.ip})" in await run_tool(server.ip)
-        values = await run_tool(server.ip, "-a", server.ip, "values")
-        for line in ("'DeviceID' = 'SN7'", "'Width' = 640", "'ExposureTime' = 1000 us", "'PayloadSize' = 307200"):
-            assert line in values
-        wanted = ["Width=320", "ExposureTime=1234.5", "Gain=3.3", "AcquisitionFrameRate=12.5", "DeviceUserID=right"]
-        await run_tool(server.ip, "-a", server.ip, "control", *wanted)
-        registers = server.registers
-        assert (registers["Width"], registers["ExposureNs"]) == (320, 1_234_500)
-        assert (registers["GainMillidB"], registers["FramePeriodUs"]) == (3_300, 80_000)
-        assert b"right" in registers.discovery()
 
 
 async def test_closing_a_busy_camera_leaves_nothing_behind():

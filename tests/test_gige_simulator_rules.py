@@ -222,6 +222,7 @@ async def test_packets_are_sent_again_to_the_controller_only():
         (0x86, struct.pack(">IB", 0x10000, 1), INVALID_HEADER),
         (ACTION, bytes(11), INVALID_HEADER),
         (0x88, b"", NOT_IMPLEMENTED),
+        (0xFFFE, b"", NOT_IMPLEMENTED),
         (0x03, b"", NOT_IMPLEMENTED),
         (0xC0, b"", NOT_IMPLEMENTED),  # events: the camera has no message channel and says so
     ],

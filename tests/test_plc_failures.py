@@ -252,7 +252,7 @@ async def test_a_belt_that_turns_when_it_must_not_is_a_fault_that_ends_all_motio
             watch = asyncio.create_task(plc.unsafe())
             world.inject("conveyor", "creeps")
             async with asyncio.timeout(2):
-                assert "fault number in 114 is 4" in await watch
+                assert "fault 4: the motor is off and the belt turns" in await watch
             with pytest.raises((Refused, NoAnswer)):
                 await plc.bring_base(within_s=0.5)
             assert world.carrier_clamped()  # the clamp holds against the belt

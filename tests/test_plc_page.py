@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from drivers.plc_registers import MAP_VERSION, RESULT_NAMES, Command, PlcState
+from drivers.plc_registers import FAULT_NAMES, MAP_VERSION, RESULT_NAMES, Command, PlcState
 from drivers.plc_tags import CELL_TAGS, PLC_TAGS, Tag
 from simulators.plc_program import DELIVERED
 from simulators.plc_wiring import OUTPUTS
@@ -122,6 +122,7 @@ def test_every_output_of_the_program_is_wired_in_the_simulated_cell() -> None:
 def test_the_fault_numbers_of_the_page_are_those_that_the_program_sets() -> None:
     told = {int(number) for number in re.findall(r"^\| (\d) \| ", PAGE.partition("## Fault numbers")[2], re.MULTILINE)}
     assert told == {int(number) for number in re.findall(r"faultNumber := ([1-9])", SOURCE)}
+    assert told == FAULT_NAMES.keys() - {0}
 
 
 @pytest.mark.parametrize("command", sorted(set(re.findall(r"cellctl ((?:plc|simulate)[ \w]*)", PAGE))))

@@ -114,8 +114,8 @@ def test_words_of_cellctl_have_the_order_of_the_contract() -> None:
         ({"r104": 0b0111}, "robot enable is off"),
         ({"r106": 0b0001}, "emergency stop circuit was lost for a moment"),
         ({"r106": 0b0010}, "guard was lost for a moment"),
-        ({"r103": 4, "r114": 12}, "fault number in 114 is 12"),
-        ({"r103": 5}, "emergency stop (register 103 is 5"),
+        ({"r103": 4, "r114": 12}, "fault 12: see the PLC program"),
+        ({"r103": 5}, "emergency stop (register 103)"),
     ],
 )
 def test_unsafe_says_what_and_where(registers: dict[str, int], said: str) -> None:

@@ -14,7 +14,7 @@ from cellctl.desk.records import units
 from cellctl.journal import Journal, Record
 from cellctl.journal_file import FILE_NAME
 from cellctl.machine import NotAllowed, State
-from tests.whole_cell import ROOT, Bench, running, simulated, whole_cell
+from tests.whole_cell import ROOT, STUCK, Bench, running, simulated, whole_cell
 
 
 def carrying(bench: Bench) -> bool:
@@ -115,6 +115,18 @@ async def test_safety_lost_in_motion_stops_the_arm_until_a_person_clears_and_res
         (record,) = await bench.produce(1)
         assert record["verdict"] == "placed"
         assert len(bench.world.rejected) == 1  # the battery of the aborted unit went to the tray first
+
+
+async def test_a_belt_that_begins_to_creep_keeps_the_battery_out_of_the_seat(learnt: Path, tmp_path: Path) -> None:
+    async with whole_cell(tmp_path, learnt=learnt) as bench:
+        await bench.ready()
+        await bench.start(1)
+        await bench.when(lambda: bench.world.held is not None and bench.world.arm.moving_at(bench.world.clock.now()))
+        bench.world.inject("conveyor", "creeps")
+        await bench.when(lambda: bench.cell.state in STUCK)
+        assert bench.cell.message.startswith(("[P6]", "[S1] PLC is in fault 4"))  # whoever sees it first
+        assert bench.world.held is not None
+        assert bench.world.seated is None
 
 
 async def test_abort_by_command_stops_at_once_and_is_recorded(learnt: Path, tmp_path: Path) -> None:
