@@ -157,7 +157,8 @@ class GigeCamera:
 
         `exposure_start_ns` is the camera's own time of it, carried over to the host's clock by a reading of both just
         before the trigger: good to half that reading's round trip (usually 0.1 to 1 ms), and within the bounds of the
-        trigger's sending and the picture's arrival. Raises FrameLost, NoAnswer, LinkLost, Refused.
+        trigger's sending and the picture's arrival. Of a camera without a clock it is reckoned back from the arrival.
+        Raises FrameLost, NoAnswer, LinkLost, Refused.
         """
         connection = None
         try:

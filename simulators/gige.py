@@ -209,12 +209,12 @@ class GigeCameraServer:
             case Command.READ_REGISTER | Command.READ_MEMORY:
                 return self._read(request, client)
             case Command.ACTION:
-                return self._be_told(request)
+                return self._start_by_action(request)
             case Command.WRITE_REGISTER | Command.WRITE_MEMORY:
                 return self._write(request, client)
         return gvcp.answer(request, Status.NOT_IMPLEMENTED)
 
-    def _be_told(self, request: Request) -> bytes:
+    def _start_by_action(self, request: Request) -> bytes:
         """A start signal for all cameras with the same keys. One that is not meant does not answer."""
         wanted = gvcp.action(request.body)
         if wanted is None:

@@ -10,6 +10,7 @@ import sys
 from collections.abc import Callable
 from contextlib import AsyncExitStack
 from dataclasses import asdict
+from ipaddress import AddressValueError, IPv4Address
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +20,8 @@ from numpy.typing import NDArray
 
 from simulators import parts
 from simulators.clock import Clock
-from simulators.gige import Exposure, GigeCameraServer
+from simulators.genicam import SMALLEST_PACKET
+from simulators.gige import LARGEST_PACKET, Exposure, GigeCameraServer
 from simulators.optics import Optics
 from simulators.place import Place
 from simulators.render import render
@@ -57,22 +59,38 @@ def _parser() -> argparse.ArgumentParser:
     )
     where = parser.add_mutually_exclusive_group(required=True)
     where.add_argument("--v4l2", type=Path, metavar="PATH", help="a file that takes a device node's calls (FUSE)")
-    where.add_argument("--gige", metavar="IP", help="a GigE Vision camera at this address of 127.0.0.0/8")
+    where.add_argument(
+        "--gige", type=_loopback, metavar="IP", help="a GigE Vision camera at this address of 127.0.0.0/8"
+    )
     parser.add_argument("--serial", default="SIM-CAM-1", help="serial number (default %(default)s)")
     parser.add_argument("--width", type=int, default=2592, help="of the sensor in px (default %(default)s)")
     parser.add_argument("--height", type=int, default=1944, help="of the sensor in px (default %(default)s)")
     parser.add_argument("--format", action="append", choices=FOURCCS, help="V4L2: only these (default: all)")
     parser.add_argument("--rate", type=float, default=15.0, metavar="HZ", help="V4L2: pictures per second")
     parser.add_argument("--no-trigger", action="store_true", help="V4L2: it runs free only, as USB cameras do")
+    parser.add_argument("--name", default="", help="GigE: the name that its user gave it")
+    parser.add_argument("--mtu", type=int, default=LARGEST_PACKET, metavar="BYTES", help="GigE: its largest packet")
     parser.add_argument("--pictures", type=Path, metavar="FOLDER", help="show these PNG or TIFF files in turn")
     parser.add_argument("--speed", type=float, default=1.0, help="world seconds per second (default 1: real time)")
     parser.add_argument("--person", type=Path, help="unix socket for faults (JSON lines)")
     return parser
 
 
+def _loopback(text: str) -> str:
+    """An address of this machine alone."""
+    try:
+        if IPv4Address(text).is_loopback:
+            return text
+    except AddressValueError:
+        pass
+    raise argparse.ArgumentTypeError(f"{text!r} is no address of 127.0.0.0/8")
+
+
 def _show(given: argparse.Namespace, parser: argparse.ArgumentParser) -> Callable[[Exposure], Picture]:
     """What it sees; a wrong argument ends the program."""
     size = given.width, given.height
+    if not SMALLEST_PACKET <= given.mtu <= LARGEST_PACKET:
+        parser.error(f"--mtu must be from {SMALLEST_PACKET} to {LARGEST_PACKET}")
     if min(size) < 16 or size[0] % 4 or size[1] % 2 or max(size) > 20000:
         parser.error("--width must be a multiple of 4, --height of 2, both from 16 to 20000")
     if given.pictures is None:
@@ -128,7 +146,8 @@ def _part(sensor: Picture, exposure: Exposure) -> Picture:
 def _server(given: argparse.Namespace, show: Callable[[Exposure], Picture]) -> Server:
     clock, size = Clock(given.speed), (given.width, given.height)
     if given.gige is not None:
-        return GigeCameraServer(given.gige, given.serial, show, clock, sensor=size)
+        options = {"name": given.name, "largest_packet": given.mtu}
+        return GigeCameraServer(given.gige, given.serial, show, clock, sensor=size, **options)
     formats = [one.ljust(4) for one in given.format or ()]
     triggers = not given.no_trigger
     device = Device(given.serial, size, formats=formats, triggers=triggers, rate_hz=given.rate)
@@ -163,9 +182,11 @@ def _print_where(given: argparse.Namespace) -> None:
     size = f"{given.width} x {given.height} px"
     if given.gige is not None:
         print(f"camera    GigE Vision at {given.gige}, serial {given.serial}, {size}")
+        print(f"try       arv-tool-0.8 -a {given.gige} values      (any GigE Vision client on this machine)")
     else:
         print(f"camera    V4L2 at {given.v4l2}, serial {given.serial}, {size}")
         print(f"try       ffplay -f v4l2 -i {given.v4l2}      (any client that takes a file's path)")
     if given.person is not None:
-        print(f'person    {given.person}      {{"do": "inject", "fault": "unplug"}}')
+        fault = "mute" if given.gige is not None else "unplug"
+        print(f'person    {given.person}      {{"do": "inject", "fault": "{fault}"}}')
     print(f"world     speed {given.speed:g}; stop with Ctrl-C", flush=True)

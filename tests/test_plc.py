@@ -70,7 +70,7 @@ async def test_a_wrong_carrier_is_not_released() -> None:
 
 
 async def test_an_empty_line_is_a_timed_out_bring_and_not_a_plc_fault() -> None:
-    async with cell(speed=100.0) as c:
+    async with cell(speed=20.0) as c:
         c.world.supply = False
         with pytest.raises(Refused, match="timed out") as caught:
             await c.plc.bring_base(within_s=3)

@@ -26,6 +26,7 @@ from simulators.render import Polygon, Scene, render
 from tests.vision_scenes import (
     BASE_SEARCH,
     BATTERY_SEARCH,
+    EDGE_MM,
     Camera,
     View,
     base_view,
@@ -93,6 +94,50 @@ def test_a_battery_with_something_like_it_over_half_of_an_edge_is_refused(beyond
         "edge 1 rival",
         "edge 1 residual",
     }
+
+
+def strip_along(edge: int, left_mm: float, wide_mm: float = 0.4, level: float = 50.0) -> Polygon:
+    """A strip on the battery along one of its edges, which leaves so much of the battery free outside it."""
+    x_mm, y_mm = -26.5, -42.5
+    near, far = left_mm, left_mm + wide_mm
+    if edge == 1:
+        corners = [[x_mm - 2.0, y_mm + near], [13.0, y_mm + near], [13.0, y_mm + far], [x_mm - 2.0, y_mm + far]]
+    else:
+        corners = [[x_mm + near, y_mm - 2.0], [x_mm + near, -30.0], [x_mm + far, -30.0], [x_mm + far, y_mm - 2.0]]
+    return Polygon(np.array(corners), level)
+
+
+def negative(view: View) -> View:
+    """The same part, dark before a bright ground."""
+    one, two = (edge._replace(bright_left=not edge.bright_left) for edge in view.features)
+    return view._replace(pixels=255 - view.pixels, features=(one, two))
+
+
+@pytest.mark.parametrize("edge", [1, 2])
+@pytest.mark.parametrize("left_mm", [0.03, 0.05, 0.07, 0.10])
+def test_a_battery_of_which_a_strip_leaves_only_the_rim_free_is_refused(edge: int, left_mm: float) -> None:
+    """The strip's inner border is the better line, but outside a battery's edge there is no other one."""
+    view = battery_view(np.random.default_rng(32), over=[strip_along(edge, left_mm)])
+
+    for seen in (view, negative(view)):
+        assert refusal(seen, "battery") == f"edge {edge} rival"
+
+
+def test_a_thing_that_sticks_out_over_a_third_of_an_edge_hides_no_battery() -> None:
+    """It has an outer border as strong as the edge, but only over a third of it."""
+    left, right, inner, outer = -24.0, -20.7, -42.5 + 0.3, -42.5 - 0.3
+    lid = Polygon(np.array([[left, inner], [right, inner], [right, outer], [left, outer]]), 200.0)
+    view = battery_view(np.random.default_rng(33), over=[lid])
+
+    for seen in (view, negative(view)):
+        assert math.dist(seen.battery().corner, view.truth[0]) < 1.0
+
+
+def test_a_base_of_which_a_strip_leaves_only_the_rim_free_is_refused() -> None:
+    inner, outer = EDGE_MM - 0.5, EDGE_MM - 0.066
+    strip = Polygon(np.array([[-9.0, inner], [9.0, inner], [9.0, outer], [-9.0, outer]]), 50.0)
+
+    assert refusal(base_view(np.random.default_rng(34), over=[strip])) == "hole to edge"
 
 
 @pytest.mark.parametrize("radius_mm", [2.75, 2.88, 3.12, 3.3])

@@ -50,7 +50,9 @@ def test_a_wrong_pose_is_never_accepted(make) -> None:
 
 
 @pytest.mark.parametrize(
-    "number", [245, 802, 1484], ids=["nothing but shade", "strip along the edge", "grid of blocks"]
+    "number",
+    [245, 802, 1484, 7709, 9411],
+    ids=["nothing but shade", "strip along the edge", "grid of blocks", "strip inside edge 2", "strip inside edge 1"],
 )
 def test_hostile_pictures_that_once_came_through_are_refused(number: int) -> None:
     with pytest.raises(NotFound):

@@ -18,6 +18,7 @@ from cellctl.vision.features import (
 from cellctl.vision.gates import check_in_view
 from cellctl.vision.line import Stretch, edge_of, lane_of, line_outline
 from cellctl.vision.outline import measure
+from cellctl.vision.outside import Border, check_outside
 from cellctl.vision.pair import Near, Side, Sides, catch_pair, square_off_deg
 from cellctl.vision.picture import checked, checked_search
 from cellctl.vision.plane import ahead, cross, direction
@@ -45,6 +46,8 @@ def find_battery(
     corner = _meet(sides, line_1, line_2)
     for side, line, edge in ((sides[0], line_1, seen_1), (sides[1], line_2, seen_2)):
         check_end(pixels, side, line, corner, edge, limits)
+    for side, edge, other in ((sides[0], seen_1, seen_2), (sides[1], seen_2, seen_1)):
+        check_outside(pixels, Border(side.name, edge, side.edge.bright_left, other.end), search.position_px)
     squareness = _checked_squareness(sides, seen_1, seen_2, limits)
     return BatteryMeasurement(seen_1, seen_2, corner, corner_covariance(corner, seen_1, seen_2), squareness)
 

@@ -33,6 +33,7 @@ from drivers.errors import DeviceError, LinkLost
 from drivers.gige import GigeCamera
 from simulators.clock import Clock
 from simulators.gige import Exposure, GigeCameraServer
+from simulators.gige_control import CONTROL
 from tests.benchmarks.fuzz_modbus import mutilated
 from tests.benchmarks.soak_camera import Numbered, judged, resident_kib
 
@@ -40,6 +41,7 @@ OUT = Path("build/bench-fuzz-camera.json")
 SIZE, STREAM_SIZE = (64, 48), (640, 480)
 SLOW_MS, GROWTH_KIB = 50.0, 16_384
 PROGRESS_S = 2.0
+TIDY_EVERY = 200
 BURST = 20  # broken datagrams to a picture
 STATUSES = {0, 0x8001, 0x8002, 0x8003, 0x8004, 0x8005, 0x8006, 0x8007, 0x800E}
 COMMANDS = (0x02, 0x04, 0x40, 0x80, 0x82, 0x84, 0x86, 0x88, 0xC0, 0x100)
@@ -71,22 +73,30 @@ class Answers:
 def request(chance: random.Random, addresses: list[int]) -> bytes:
     """A command that is right but perhaps for its addresses and values."""
     command, number = chance.choice(COMMANDS), chance.randrange(1, 1 << 16)
-    words = chance.choice((1, 2, 3, 4, 8, 14))
-    body = b"".join(
-        struct.pack(">I", chance.choice((chance.choice(addresses), chance.randrange(1 << 32), chance.randrange(8))))
-        for _ in range(words)
-    )
+    words = chance.choice((1, 1, 2, 3, 14))
+    where = [chance.choice(addresses) if chance.random() < 0.9 else chance.randrange(1 << 32) for _ in range(words)]
+    if command == 0x80:
+        body = struct.pack(f">{words}I", *where)
+    elif command == 0x84:
+        body = struct.pack(">IHH", where[0], 0, chance.choice((4, 8, 512, 536, chance.randrange(600))))
+    elif command in (0x82, 0x86):
+        values = [chance.choice((0, 1, 2, 3, 640, chance.randrange(1 << 32))) for _ in where]
+        body = struct.pack(f">{2 * words}I", *(word for pair in zip(where, values, strict=True) for word in pair))
+    else:
+        body = struct.pack(f">{words}I", *where)
     return struct.pack(">BBHHH", 0x42, chance.choice((0, 1, 1, 0x11)), command, len(body), number) + body
 
 
 def broken(chance: random.Random, addresses: list[int]) -> bytes:
-    """Right, with one accident or two, or noise."""
+    """Right, or with one accident or two, or noise; the header may know of the accident."""
     kind = chance.random()
     if kind < 0.1:
         return chance.randbytes(chance.randrange(700))
     data = request(chance, addresses)
     for _ in range(int(kind > 0.3) + int(kind > 0.8)):
         data = mutilated(chance, data or b"\0")
+    if len(data) >= 8 and chance.random() < 0.5:
+        data = data[:4] + struct.pack(">H", len(data) - 8) + data[6:]
     return data
 
 
@@ -120,7 +130,8 @@ async def at_camera(inputs: int, seed: int = 1) -> dict[str, Any]:
             worst_ms = max(worst_ms, (time.monotonic() - began_s) * 1e3)
             outcomes[answered(data, answers.sent)] += 1
             answers.sent.clear()
-            if number % 500 == 0:
+            if number % TIDY_EVERY == 0:
+                server._control.ask(CONTROL, ME, refused=False)  # so that what it writes has effects
                 await asyncio.sleep(0)
                 told_s = _told("camera", number, inputs, told_s)
             if number == inputs // 5:
