@@ -47,7 +47,8 @@ def find_battery(
     for side, line, edge in ((sides[0], line_1, seen_1), (sides[1], line_2, seen_2)):
         check_end(pixels, side, line, corner, edge, limits)
     for side, edge, other in ((sides[0], seen_1, seen_2), (sides[1], seen_2, seen_1)):
-        check_outside(pixels, Border(side.name, edge, side.edge.bright_left, other.end), search.position_px)
+        border = Border(side.name, edge, side.edge.bright_left, other.end)
+        check_outside(pixels, border, search.position_px, 2.0 * limits.squareness_deg)
     squareness = _checked_squareness(sides, seen_1, seen_2, limits)
     return BatteryMeasurement(seen_1, seen_2, corner, corner_covariance(corner, seen_1, seen_2), squareness)
 
