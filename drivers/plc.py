@@ -193,7 +193,7 @@ class Plc:
 
         def seen() -> bool:
             nonlocal reason
-            reason = self._unsafe_since(boot) or reason  # also when it has passed before we are woken
+            reason = reason or self._unsafe_since(boot)  # the first one, also when it has passed before we are woken
             return bool(reason)
 
         await self._scan.wait(seen)

@@ -117,8 +117,8 @@ async def proxy(port, toward_robot, toward_driver):
 
 
 @asynccontextmanager
-async def robot_over(dialect, toward_robot, toward_driver):
-    async with controller_on(20, dialect=dialect, servo_at_start=True) as (bench, controller):
+async def robot_over(dialect, toward_robot, toward_driver, speed=20):
+    async with controller_on(speed, dialect=dialect, servo_at_start=True) as (bench, controller):
         bench.controller = controller
         async with proxy(controller.port, toward_robot, toward_driver) as address:
             robot = Robot(address, limits=Limits(), dialect=dialect)
@@ -132,7 +132,7 @@ async def robot_over(dialect, toward_robot, toward_driver):
 @pytest.mark.parametrize("way", [Splitting, Merging, Delaying])
 async def test_how_bytes_arrive_changes_nothing(dialect, way, monkeypatch):
     monkeypatch.setattr(drivers.conversation, "ANSWER_S", 1.0)
-    async with robot_over(dialect, way(), way()) as (bench, robot):
+    async with robot_over(dialect, way(), way(), speed=5) as (bench, robot):  # a busy computer is not a late robot
         await robot.open()
         for place in PLACES:
             assert await robot.move(place, speed_pct=100) == pytest.approx(place, abs=0.0051)
