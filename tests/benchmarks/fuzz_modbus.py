@@ -22,7 +22,7 @@ from drivers.errors import DeviceError
 from drivers.modbus import ModbusLink
 from simulators.modbus import ModbusServer, _Client
 from simulators.modbus_bank import Bank, Table
-from tests.benchmarks.fuzz_robot import resident_mib
+from tests.benchmarks.fuzz_run import resident_mib
 from tests.modbus_wire import bank, frame
 
 OUT = Path("build/bench-fuzz-modbus.json")

@@ -5,12 +5,9 @@ table and writes build/bench-fuzz-robot.json. An input is a piece of what a clie
 programs and files, telnet commands, noise. The whole controller works on it, in a very fast world.
 """
 
-import argparse
 import asyncio
 import gc
-import json
 import random
-import resource
 import sys
 import time
 from collections import Counter
@@ -19,9 +16,10 @@ from pathlib import Path
 from simulators.robot import Bench, Options, RobotController
 from simulators.robot.framing import ETX, Framer
 from simulators.robot.session import Session
+from tests.benchmarks.fuzz_run import resident_mib, run
 
 OUT = Path("build/bench-fuzz-robot.json")
-SLOW_MS, GROWTH_MIB = 50.0, 64.0
+COUNTS = {"inputs": lambda r: r["inputs"], "replies": lambda r: r["replies"]}
 TIDY_EVERY = 5000
 EVERY = 50  # inputs, then the motions that they began go on
 PROGRESS_S = 2.0
@@ -180,32 +178,5 @@ async def fuzzed(dialect, inputs, seed):
     }
 
 
-def resident_mib():
-    """The most that this process has ever held."""
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
-
-
-def main():
-    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("--inputs", type=int, default=1_000_000)
-    parser.add_argument("--seed", type=int, default=20261122)
-    given = parser.parse_args()
-    results = [asyncio.run(fuzzed(dialect, given.inputs // 2, given.seed)) for dialect in ("rcx3", "rcx2")]
-    print("generation     inputs    replies  crashes  slowest ms  growth MiB  took s")
-    for r in results:
-        print(
-            f"{r['dialect']:<10} {r['inputs']:>10,} {r['replies']:>10,} {len(r['crashes']):>8} {r['slowest_ms']:>11} "
-            f"{r['growth_mib']:>11} {r['took_s']:>7}"
-        )
-    OUT.parent.mkdir(exist_ok=True)
-    OUT.write_text(json.dumps({"seed": given.seed, "results": results}, indent=1) + "\n", encoding="utf-8")
-    wrong = [crash for r in results for crash in r["crashes"]]
-    wrong += [f"slow: {r['slowest_input']}" for r in results if r["slowest_ms"] > SLOW_MS]
-    wrong += [f"{r['dialect']} grew by {r['growth_mib']} MiB" for r in results if r["growth_mib"] > GROWTH_MIB]
-    for line in wrong[:20]:
-        print(line, file=sys.stderr)
-    return 1 if wrong else 0
-
-
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(run(__doc__.partition("\n")[0], fuzzed, COUNTS, OUT))

@@ -6,14 +6,10 @@ replies, telnet commands, noise. Each goes byte by byte through the splitter, an
 to a question, a file and an operation that wait. A value that is read must be one that is written in the line.
 """
 
-import argparse
-import asyncio
 import contextlib
 import gc
-import json
 import math
 import random
-import resource
 import sys
 import time
 from collections import Counter
@@ -27,9 +23,15 @@ from drivers.rcx3 import parse_alarm, parse_flag
 from drivers.rcx_points import parse_point, parse_points
 from drivers.robot import DIALECTS
 from drivers.robot_files import parse_task
+from tests.benchmarks.fuzz_run import resident_mib, run
 
 OUT = Path("build/bench-fuzz-robot-driver.json")
-SLOW_MS, GROWTH_MIB, PROGRESS_S = 50.0, 64.0, 2.0
+COUNTS = {
+    "inputs": lambda r: r["inputs"],
+    "lines": lambda r: r["lines"],
+    "values read": lambda r: sum(r["read"].values()),
+}
+PROGRESS_S = 2.0
 EVERY = 500
 
 REPLIES = {
@@ -208,32 +210,5 @@ async def fuzzed(dialect, inputs, seed):
     }
 
 
-def resident_mib():
-    """The most that this process has ever held."""
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
-
-
-def main():
-    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("--inputs", type=int, default=1_000_000)
-    parser.add_argument("--seed", type=int, default=20261122)
-    given = parser.parse_args()
-    results = [asyncio.run(fuzzed(dialect, given.inputs // 2, given.seed)) for dialect in ("rcx3", "rcx2")]
-    print("generation     inputs      lines  values read  crashes  slowest ms  growth MiB  took s")
-    for r in results:
-        print(
-            f"{r['dialect']:<10} {r['inputs']:>10,} {r['lines']:>10,} {sum(r['read'].values()):>12,} "
-            f"{len(r['crashes']):>8} {r['slowest_ms']:>11} {r['growth_mib']:>11} {r['took_s']:>7}"
-        )
-    OUT.parent.mkdir(exist_ok=True)
-    OUT.write_text(json.dumps({"seed": given.seed, "results": results}, indent=1) + "\n", encoding="utf-8")
-    wrong = [crash for r in results for crash in r["crashes"]]
-    wrong += [f"{r['dialect']}: an input took {r['slowest_ms']} ms" for r in results if r["slowest_ms"] > SLOW_MS]
-    wrong += [f"{r['dialect']} grew by {r['growth_mib']} MiB" for r in results if r["growth_mib"] > GROWTH_MIB]
-    for line in wrong[:20]:
-        print(line, file=sys.stderr)
-    return 1 if wrong else 0
-
-
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(run(__doc__.partition("\n")[0], fuzzed, COUNTS, OUT))
